@@ -8,7 +8,6 @@ again: `python tests/fuzz --seed 0 --only NUMBER`.
 """
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -23,11 +22,16 @@ from fuzz_watch import input_of, watched, work_off
 
 def main() -> int:
     """Fuzz, and return 1 if something was found."""
-    arguments = _arguments()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--inputs", type=int, default=1000, help="how many")
+    parser.add_argument("--seed", type=int, default=0, help="the same seed makes the same inputs")
+    parser.add_argument("--others", type=Path, help="folder of more good files, up to 150 kB each")
+    parser.add_argument("--only", type=int, help="write this input into a file, and read nothing")
+    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         seeds = make_seeds(Path(name), arguments.others)
         if arguments.only is None:
-            return _fuzz(arguments, seeds, Path(name))
+            return _fuzz(arguments.inputs, arguments.seed, seeds, Path(name))
         chosen, data = input_of(seeds, arguments.seed, arguments.only)
         file = Path(f"input_{arguments.only}_{Path(chosen.name).name or 'message'}")
         file.write_bytes(data)
@@ -35,39 +39,24 @@ def main() -> int:
         return 0
 
 
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--inputs", type=int, default=1000, help="how many")
-    parser.add_argument("--seed", type=int, default=0, help="the same seed makes the same inputs")
-    parser.add_argument("--first", type=int, default=0, help="number of the first")
-    parser.add_argument("--others", type=Path, help="folder of more good files, up to 150 kB each")
-    parser.add_argument("--out", type=Path, help="file for the findings, a JSON line each")
-    parser.add_argument("--only", type=int, help="write this input into a file, and read nothing")
-    return parser.parse_args()
-
-
-def _fuzz(arguments: argparse.Namespace, seeds: list[Seed], folder: Path) -> int:
+def _fuzz(n_inputs: int, seed: int, seeds: list[Seed], folder: Path) -> int:
     """Start a process that reads, and another one wherever it ended early or took too long."""
     counts: Counter[tuple[str, str]] = Counter()
-    findings, slowest, at, began = [], (0.0, ""), arguments.first, time.perf_counter()
-    while at < arguments.inputs:
-        for said in watched(work_off, seeds, arguments.seed, range(at, arguments.inputs), folder):
+    slowest, at, began = (0.0, ""), 0, time.perf_counter()
+    while at < n_inputs:
+        for said in watched(work_off, seeds, seed, range(at, n_inputs), folder):
             at = said.number + 1
             counts[said.reader, said.words if said.is_fine else "found"] += 1
             slowest = max(slowest, (said.seconds, f"{said.number} ({said.label})"))
             if not said.is_fine:
-                findings.append(said._asdict())
-                print(findings[-1], flush=True)
-                if arguments.out:
-                    arguments.out.write_text("".join(json.dumps(found) + "\n" for found in findings))
+                print(said, flush=True)
     print(f"{'reader':<12} {'read':>8} {'refused':>8} {'found':>6}")
     for reader in sorted({reader for reader, _ in counts}):
         row = [counts[reader, words] for words in ("read", "refused", "found")]
         print(f"{reader:<12} {row[0]:>8,} {row[1]:>8,} {row[2]:>6,}")
-    seconds, which = slowest
     total = time.perf_counter() - began
-    print(f"{sum(counts.values()):,} inputs in {total:.0f} s; slowest {seconds:.2f} s: {which}")
-    return 1 if findings else 0
+    print(f"{n_inputs:,} inputs in {total:.0f} s; slowest {slowest[0]:.2f} s: {slowest[1]}")
+    return 1 if any(words == "found" for _, words in counts) else 0
 
 
 if __name__ == "__main__":

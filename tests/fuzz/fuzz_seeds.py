@@ -43,6 +43,9 @@ CONFIGURATION = {
 }
 MOUNTING = """[prior]
 position = [-0.45, 0.30, 1.62]
+heading_deg = 90.0
+[odometry]
+position = [0.0, 0.0, 0.0]
 [scanner.front]
 topic = "/points"
 pitch_deg = 2.5
@@ -104,6 +107,7 @@ def _seeds_of(folder: Path) -> Iterator[Seed]:
 
 
 def _clouds(folder: Path) -> Iterator[Seed]:
+    """Clouds of maps and scans; "survey" are those that no scan comes in."""
     for point_format, version in ((1, "1.2"), (3, "1.2"), (6, "1.4"), (8, "1.4")):
         las = laspy.LasData(laspy.LasHeader(point_format=point_format, version=version))
         las.header.offsets, las.header.scales = POINTS[0], np.full(3, 1e-3)
@@ -177,20 +181,8 @@ POSITIONS = """time,latitude,longitude,ellipsoidal_height,heading_deg,sigma_x,si
 101,52.0,9.7301,60.5,84.4,0.5,0.6
 102,52.0,9.7302,60.6,84.4,0.5,0.6
 """
-PARTS = """[sensor]
-position = [1.1, 0.2, 1.9]
-roll_deg = 1.0
-[prior]
-position = [-0.4, 0.3, 1.6]
-heading_deg = 90.0
-[odometry]
-position = [0.0, 0.0, 0.0]
-"""
-
-
 TEXTS = (
-    ("mounting", "mounting", "mounting.toml", PARTS),
-    ("scanners", "mounting", "mounting.toml", MOUNTING),
+    ("mounting", "mounting", "mounting.toml", MOUNTING),
     ("dataset.toml", "dataset", "dataset.toml", DATASET),
     ("study.json", "study", "study.json", json.dumps(CONFIGURATION, indent=1)),
     ("latitudes", "positions", "gnss.csv", POSITIONS),

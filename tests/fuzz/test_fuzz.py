@@ -4,7 +4,6 @@
 # ruff: noqa: E402 - what is skipped is skipped before it is imported
 
 import os
-import random
 import subprocess
 import sys
 import time
@@ -17,7 +16,7 @@ if sys.platform != "linux":
 for package in ("rosbags", "mcap", "velodyne_decoder", "pypcd4", "pye57", "embreex"):
     pytest.importorskip(package, reason=f"a reader's package is not installed: {package}")
 
-from fuzz_mutations import LARGEST, mutated
+from fuzz_mutations import LARGEST
 from fuzz_readers import READERS
 from fuzz_seeds import Seed, make_seeds
 from fuzz_watch import input_of, outcome, watched, work_off
@@ -28,25 +27,15 @@ pytestmark = pytest.mark.fuzzing
 SEED = Seed("made here", "times", "times.txt", b"1.5\n2.5\n")
 
 
-@pytest.fixture(scope="module")
-def seeds(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("seeds")
-    return folder, make_seeds(folder)
-
-
-def test_seeds_of_every_reader_are_read(seeds):
-    folder, made = seeds
+def test_seeds_are_read_and_inputs_of_them_are_the_same_each_time(tmp_path):
+    made = make_seeds(tmp_path)
     assert {seed.reader for seed in made} == set(READERS)
     for seed in made:
-        assert outcome(seed, seed.data, folder) == "read", seed.label
-
-
-def test_inputs_are_the_same_each_time_nearly_all_differ_from_their_seed_and_none_is_huge(seeds):
-    inputs = [input_of(seeds[1], 3, number) for number in range(300)]
-    assert inputs == [input_of(seeds[1], 3, number) for number in range(300)]
+        assert outcome(seed, seed.data, tmp_path) == "read", seed.label
+    inputs = [input_of(made, 3, number) for number in range(300)]
+    assert inputs == [input_of(made, 3, number) for number in range(300)]
     assert sum(data != seed.data for seed, data in inputs) > 270
-    for number in range(200):
-        assert len(mutated(bytes(300_000), [bytes(10)], random.Random(number))) <= LARGEST
+    assert max(len(data) for _, data in inputs) <= LARGEST
 
 
 def test_over_a_thousand_inputs_are_read_or_refused():
@@ -68,8 +57,6 @@ def of_memory():
         (FileError("Expected points, got none."), "refused"),
         (FileError("Expected points,\ngot none."), "a message of several lines"),
         (of_memory(), "refused for want of memory"),
-        (ValueError("odd"), "ValueError at "),
-        (MemoryError(), "MemoryError at "),
         (SystemExit(3), "SystemExit at "),
     ],
     ids=repr,
@@ -79,8 +66,7 @@ def test_what_is_raised_is_told_apart(monkeypatch, tmp_path, error, said):
         raise error
 
     monkeypatch.setitem(READERS, "times", read)
-    found = outcome(SEED, SEED.data, tmp_path)
-    assert found == said or (said.endswith(" at ") and found.startswith(said))
+    assert outcome(SEED, SEED.data, tmp_path).startswith(said)
     assert list(tmp_path.iterdir()) == []
 
 

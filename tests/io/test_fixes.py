@@ -75,14 +75,10 @@ def test_orientations_of_an_imu_are_those_of_the_way():
     assert np.median(np.abs(difference[:, 2])) == pytest.approx(0.006, abs=0.001)
     np.testing.assert_allclose(poses.covariances[3], np.diag([0.16, 0.64, 1e-4]), atol=1e-12)
     assert words.startswith("orientations of /imu; heights: ")
-
-
-def test_an_imu_that_states_no_sigma_gets_one_and_a_receiver_that_states_none_does_not():
-    way = _way()
-    poses, words = _placed(_fixes(way, 0.4), _imu(way))
+    poses, words = _placed(_fixes(way, 0.4), _imu(way))  # an IMU that states no sigma gets one
     assert math.sqrt(poses.covariances[0, 2, 2]) == pytest.approx(math.radians(2.0))
     assert "2 degrees assumed" in words
-    assert _placed(_fixes(way), _imu(way))[0].covariances is None
+    assert _placed(_fixes(way), _imu(way))[0].covariances is None  # a receiver that states none does not
 
 
 def test_an_imu_that_does_not_know_north_gives_roll_and_pitch():

@@ -92,28 +92,21 @@ def test_rows_without_a_position_or_a_sigma(tmp_path):
         ("time,latitude,longitude", "1,52,13", "ellipsoidal_height or orthometric_height.*got none"),
         ("time,latitude,longitude,altitude", "1,52,13,60", "got 'altitude', which may be either"),
         ("latitude,longitude,height", "52,13,60", "no 'time'"),
-        ("time,latitude,height", "1,52,60", "no 'longitude'"),
         ("time,latitude,longitude,height,height", "1,52,13,60,60", "more than one 'height'"),
         ("time,latitude,longitude,height,yaw", "1,52,13,60,1", "got 'yaw', which may be either"),
         ("time,latitude,longitude,height,heading,azimuth_deg", "1,52,13,60,1,1", "got both"),
         ("time,latitude,longitude,height,roll", "1,52,13,60,1", "both roll and pitch"),
-        ("time,latitude,longitude,height,sigma_east", "1,52,13,60,1", "both sigma_east and sigma_north"),
         ("time,latitude,longitude,height", "1,520000,130000,60", "degrees as latitude and longitude"),
         ("time,latitude,longitude,height,heading", "1,52,13,60,90", "within one turn"),
         ("time,latitude,longitude,height,sigma_east,sigma_north", "1,52,13,60,-1,1", ">= 0"),
         ("time,latitude,longitude,height", "1,,,", "at least one pose"),
+        ("time,latitude,longitude,height", "2,52,13,60\n1,52,13,60", "line 4: Expected times that increase"),
     ],
 )
 def test_what_is_not_clear_is_refused(tmp_path, header, row, words):
     with pytest.raises(TrajectoryError, match=words) as error:
         read_geographic_csv(_write(tmp_path, header, row))
     assert "gnss.csv" in str(error.value) and "\n" not in str(error.value)
-
-
-def test_times_that_do_not_increase(tmp_path):
-    path = _write(tmp_path, "time,latitude,longitude,height", "2,52,13,60", "1,52,13,60")
-    with pytest.raises(TrajectoryError, match="line 4: Expected times that increase"):
-        read_geographic_csv(path)
 
 
 def test_each_kind_of_table_is_told_from_the_other(tmp_path):

@@ -73,14 +73,10 @@ def test_any_trajectory_reads_back_from_tum(times, positions, angles):
     np.testing.assert_allclose(got.quaternions_xyzw, wanted.quaternions_xyzw, atol=1e-14)
 
 
-def test_a_comment_stands_at_the_top_of_tum(tmp_path):
+def test_tum_takes_and_writes_comments_and_takes_any_blanks_and_line_ends(tmp_path):
     write_tum(tmp_path / "a.txt", sample(1), comment="T_map_sensor\nEPSG:25832")
     lines = (tmp_path / "a.txt").read_text().splitlines()
-    assert lines[:2] == ["# T_map_sensor", "# EPSG:25832"]
-    assert len(lines) == 4
-
-
-def test_tum_takes_any_blanks_comments_and_line_ends(tmp_path):
+    assert lines[:2] == ["# T_map_sensor", "# EPSG:25832"] and len(lines) == 4
     content = "\ufeff# a comment\r\n\r\n 1\t2  3 4 0 0 0 1 # here too\r\n2 2 3 4 0 0 0 1"
     got = read_trajectory(write(tmp_path, "a.txt", content))
     np.testing.assert_array_equal(got.times, [1.0, 2.0])
@@ -104,70 +100,45 @@ SIGMAS = HEADER.strip() + ",sigma_x,sigma_y,sigma_heading_deg\n"
 COVARIANCES = HEADER.strip() + ",cov_x_x,cov_x_y,cov_x_heading,cov_y_y,cov_y_heading,cov_heading_heading,cov_z_z\n"
 
 
-def test_csv_takes_standard_deviations_and_rows_without(tmp_path):
+def test_csv_takes_standard_deviations_covariances_in_any_order_and_rows_without(tmp_path):
     content = SIGMAS + "1,2,3,4,0,0,0,0.5,2,180\n2,2,3,4,0,0,0,,,\n"
     got = read_trajectory(write(tmp_path, "a.csv", content))
     np.testing.assert_allclose(got.covariance_at(1.0), np.diag([0.25, 4.0, math.pi**2]))
     assert got.covariance_at(2.0) is None
     in_radians = content.replace("heading_deg", "heading").replace("180", "0.1")
-    got = read_trajectory(write(tmp_path, "b.csv", in_radians))
-    assert got.covariances[0, 2, 2] == pytest.approx(0.01)
-
-
-def test_csv_takes_covariances_in_any_order_of_columns(tmp_path):
+    assert read_trajectory(write(tmp_path, "b.csv", in_radians)).covariances[0, 2, 2] == pytest.approx(0.01)
     content = COVARIANCES + "1,2,3,4,0,0,0,1,0.1,0.01,2,0.02,0.1,77\n"
-    wanted = [[1.0, 0.1, 0.01], [0.1, 2.0, 0.02], [0.01, 0.02, 0.1]]
-    np.testing.assert_array_equal(read_trajectory(write(tmp_path, "a.csv", content)).covariances[0], wanted)
     turned = "".join(",".join(line.split(",")[::-1]) + "\n" for line in content.split())
-    np.testing.assert_array_equal(read_trajectory(write(tmp_path, "b.csv", turned)).covariances[0], wanted)
+    wanted = [[1.0, 0.1, 0.01], [0.1, 2.0, 0.02], [0.01, 0.02, 0.1]]
+    for text in (content, turned):
+        np.testing.assert_array_equal(read_trajectory(write(tmp_path, "c.csv", text)).covariances[0], wanted)
 
 
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("a.txt", TUM_LINE + "1 2 3\n", r"a\.txt, line 2: Expected 8 columns 'time,x,y,z,qx,qy,qz,qw', got 3"),
+        ("a.txt", TUM_LINE + "1 2 3\n", r"line 2: Expected 8 columns 'time,x,y,z,qx,qy,qz,qw', got 3"),
         ("a.txt", "1,2,3,4,0,0,0,1\n", r"line 1: Expected 8 columns .*got 1.*name the file .csv"),
-        (
-            "a.txt",
-            "# c\n\n1 2 3 four 0 0 0 1\n",
-            r"line 3: Expected finite numbers as 'z', got 'four'.*Correct or remove",
-        ),
+        ("a.txt", "# c\n\n1 2 3 four 0 0 0 1\n", r"line 3: Expected finite numbers as 'z', got 'four'.*remove"),
         ("a.txt", "1 2 3 nan 0 0 0 1\n", r"line 1: Expected finite numbers .*got 'nan'"),
         ("a.txt", "1 2 3 1e999 0 0 0 1\n", r"line 1: Expected finite numbers .*got '1e999'"),
         ("a.txt", "# c\n" + TUM_LINE + TUM_LINE, r"line 3: Expected times that increase, got 47452\.193478.*Sort"),
-        (
-            "a.txt",
-            "2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n",
-            r"line 2: Expected times that increase, got 1\.0+ s after 2\.0+ s",
-        ),
         ("a.txt", "1 2 3 4 0 0 0 0\n", r"line 1: Expected a unit quaternion .*got length 0"),
-        ("a.txt", "1 2 3 4 0 0 3 4\n", r"line 1: Expected a unit quaternion .*got length 5"),
-        ("a.txt", "", r"a\.txt: Expected at least one pose, got none"),
-        ("a.txt", "# only a comment\n", "Expected at least one pose"),
-        ("a.txt", b"\x00\x01\x02" * 50, r"a\.txt, line 1: Expected 8 columns"),
+        ("a.txt", "# only a comment\n", r"a\.txt: Expected at least one pose, got none"),
         ("a.txt", b"\xff\xfe\x80" * 50, r"a\.txt, after line 0: Expected a trajectory as UTF-8 text"),
         ("a.txt", b"\0" * 20_000, r"line 1: Expected a trajectory in lines of text, got one of over 10000"),
         ("a.csv", "", "Expected at least one pose"),
-        ("a.csv", HEADER, "Expected at least one pose"),
         ("a.csv", HEADER + "1,,,,,,\n", "Expected at least one pose"),
         ("a.csv", "time,x,y,z\n1,2,3,4\n", r"a\.csv, line 1: Expected a header with time,x,.*got no 'roll'"),
-        ("a.csv", TUM_LINE, r"line 1: Expected a header .*got no 'time'"),
         ("a.csv", "time;x;y;z;roll;pitch;heading\n", r"got no 'time' in .*separated by commas"),
         ("a.csv", "time,x,x,y,z,roll,pitch,heading\n", r"got more than one 'x'"),
         ("a.csv", "time,x,y,z,roll,pitch,heading,heading_deg\n", r"got more than one 'heading'"),
         ("a.csv", HEADER + "1,2,3,4,5,6\n", r"line 2: Expected 7 columns 'time,.*', got 6"),
         ("a.csv", HEADER + "1,2,3,4,0,0,north\n", r"line 2: Expected finite numbers .*got 'north'"),
-        ("a.csv", HEADER + "1,2,3,4,0,0,inf\n", r"line 2: Expected finite numbers .*got 'inf'"),
         ("a.csv", HEADER + "1,2,3,4,0,0,0\n1,2,3,4,0,0,0\n", r"line 3: Expected times that increase"),
         ("a.csv", HEADER + '1,"2,3,4,0,0,0\n', r"line 2: Expected comma-separated values"),
-        (
-            "a.csv",
-            SIGMAS.replace(",sigma_y", ""),
-            r"line 1: Expected either cov_x_x,.* or sigma_x,.*got no 'sigma_y'\. Give all columns of one kind, or none",
-        ),
-        ("a.csv", SIGMAS.replace(",sigma_heading_deg", ""), "line 1: .*got no 'sigma_heading'"),
-        ("a.csv", SIGMAS.strip() + ",sigma_x\n", "line 1: .*got more than one 'sigma_x'"),
-        ("a.csv", SIGMAS.strip() + ",sigma_heading\n", "got more than one 'sigma_heading'"),
+        ("a.csv", SIGMAS.replace(",sigma_y", ""), r"line 1: Expected either cov_x_x,.*got no 'sigma_y'\. Give all"),
+        ("a.csv", SIGMAS.strip() + ",sigma_heading\n", "line 1: .*got more than one 'sigma_heading'"),
         ("a.csv", SIGMAS.strip() + ",cov_x_x\n", "line 1: Expected either cov_x_x,.*got both"),
         ("a.csv", COVARIANCES.replace(",cov_y_y", ""), "line 1: Expected either .*got no 'cov_y_y'"),
         ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1,1\n2,2,3,4,0,0,0,1,-1,1\n", r"line 3: Expected 'sigma_y' >= 0, got -1"),
@@ -185,17 +156,15 @@ def test_a_malformed_file_is_refused_with_file_and_line(tmp_path, name, content,
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [("missing.txt", "no such file"), ("folder.txt", "is a directory"), ("a.xyz", r"suffix \.txt, \.tum or \.csv")],
-)
-def test_no_file_to_read(tmp_path, name, words):
+def test_no_file_to_read_and_no_folder_to_write_to(tmp_path):
     (tmp_path / "folder.txt").mkdir()
-    with pytest.raises(FileError, match=words):
-        read_trajectory(tmp_path / name)
-
-
-def test_no_folder_to_write_to(tmp_path):
+    for name, words in (
+        ("a.txt", "no such file"),
+        ("folder.txt", "is a directory"),
+        ("a.xyz", r"suffix \.txt, \.tum or"),
+    ):
+        with pytest.raises(FileError, match=words):
+            read_trajectory(tmp_path / name)
     for save in (write_tum, write_csv):
         with pytest.raises(FileError, match="able to write"):
             save(tmp_path / "missing" / "a.txt", sample())

@@ -88,34 +88,26 @@ def test_lines_that_a_header_may_leave_out(tmp_path):
         ({"COUNT": "1 1 -1"}, "whole numbers as COUNT"),
         ({"SIZE": "4 4"}, "of different lengths"),
         ({"SIZE": "4 4 3"}, "types other than F, U, I"),
-        ({"FIELDS": None}, "of different lengths"),
         ({"POINTS": "3"}, "3 points, WIDTH 2 and HEIGHT 1"),
         ({"POINTS": "0", "WIDTH": "0"}, "1 to 1,000 points"),
         ({"POINTS": "1001", "WIDTH": "1001"}, "1 to 1,000 points.*got: 1,001"),
         ({"POINTS": "1e3"}, "whole numbers as POINTS.*'1e3'"),
-        ({"WIDTH": "2 2"}, "WIDTH 2"),
         ({"DATA": "zip"}, "DATA 'zip', not ascii, binary, binary_compressed"),
-        ({"DATA": None}, "header line '1.00'"),
         ({"COLOUR": "red", "DATA": None}, "header line 'COLOUR', not VERSION"),
         ({"DATA": "binary", "POINTS": "900", "WIDTH": "900"}, "bytes of points, not 10800: truncated"),
         ({"DATA": "binary_compressed"}, "points of 24 bytes"),
-        ({"POINTS": "900", "WIDTH": "900"}, "bytes of points, not .*truncated"),
         ({"POINTS": "3", "WIDTH": "3"}, "1 rows of numbers fewer: truncated"),
     ],
 )
 def test_headers_that_cannot_be_are_refused(tmp_path, changes, words):
-    with pytest.raises(FileError, match=words) as caught:
+    with pytest.raises(FileError, match=rf"a\.pcd.*{words}"):
         read(tmp_path, header(**changes) + "1.00 2.00 3.00\n4.00 5.00 6.00\n")
-    assert "a.pcd" in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"", b"DATA", b"\x00" * 100, b"# c\n" * 30_000])
-def test_what_is_no_pcd_is_refused(tmp_path, content):
-    with pytest.raises(FileError, match=r"header of at most .*a\.pcd|a\.pcd"):
-        read(tmp_path, content)
-
-
-def test_compressed_sizes_that_lie_are_refused(tmp_path):
+def test_other_files_and_compressed_sizes_that_lie_are_refused(tmp_path):
+    for content in (b"", b"DATA", b"\x00" * 100, b"# c\n" * 30_000):
+        with pytest.raises(FileError, match=r"a\.pcd"):
+            read(tmp_path, content)
     whole = compressed(tmp_path)
     at = whole.index(b"DATA binary_compressed\n") + 23
     for packed, unpacked, words in (
