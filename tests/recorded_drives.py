@@ -39,6 +39,15 @@ def made_prior(times):
     return Trajectory.from_poses(times, poses)
 
 
+def bend(n=40, turn=0.0):
+    """Poses 1 m apart, ten a second, that bend by `turn` (rad) each."""
+    headings = 0.8 + turn * np.arange(n)
+    steps = np.column_stack([np.cos(headings), np.sin(headings)])
+    places = np.array([550_123.0, 5_802_417.0]) + np.concatenate([[[0.0, 0.0]], np.cumsum(steps[:-1], axis=0)])
+    poses = [Pose(x, y, 61.0, 0.01, -0.02, h) for (x, y), h in zip(places.tolist(), headings, strict=True)]
+    return Trajectory.from_poses(100.0 + 0.1 * np.arange(n), poses)
+
+
 def write_entries(path, entries):
     """Write messages in the order given, as the kind of recording that a path is named for; return the path."""
     if path.suffix:

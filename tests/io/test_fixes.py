@@ -9,23 +9,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from maxcon.errors import CrsError, TrajectoryError
-from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Fixes, Orientations, place_fixes
 from maxcon.scan.trajectory import Trajectory
+from recorded_drives import bend
 
 UTM = "EPSG:25832"
 FRAME = GeographicFrame(UTM)
-
-
-def _way(n=40, turn=0.0):
-    """Poses 1 m apart that bend by `turn` (rad) each."""
-    headings = 0.8 + turn * np.arange(n)
-    steps = np.column_stack([np.cos(headings), np.sin(headings)])
-    places = np.array([550_123.0, 5_802_417.0]) + np.concatenate([[[0.0, 0.0]], np.cumsum(steps[:-1], axis=0)])
-    poses = [Pose(x, y, 61.0, 0.01, -0.02, h) for (x, y), h in zip(places.tolist(), headings, strict=True)]
-    return Trajectory.from_poses(100.0 + 0.1 * np.arange(n), poses)
 
 
 def _fixes(way, sigma=math.nan):
@@ -66,8 +57,8 @@ def test_north_is_turned_as_the_projection_says():
     np.testing.assert_allclose(FRAME.convergence(places), np.radians(factors.meridian_convergence), atol=1e-6)
 
 
-def test_orientations_of_an_imu_are_those_of_the_way():
-    way = _way(turn=0.02)
+def test_orientations_of_an_imu_are_those_of_thebend():
+    way = bend(turn=0.02)
     poses, words = _placed(_fixes(way, 0.4), _imu(way, sigma=0.01))
     np.testing.assert_allclose(poses.positions, way.positions, atol=1e-6)
     difference = poses.angles - way.angles
@@ -82,7 +73,7 @@ def test_orientations_of_an_imu_are_those_of_the_way():
 
 
 def test_an_imu_that_does_not_know_north_gives_roll_and_pitch():
-    way = _way(turn=0.01)
+    way = bend(turn=0.01)
     poses, words = _placed(_fixes(way, 0.2), _imu(way, off=1.5))
     assert np.abs(poses.angles - way.angles)[8:-8].max() < 0.01
     assert "86 degrees off" in words and "roll and pitch of the latter" in words
@@ -90,14 +81,14 @@ def test_an_imu_that_does_not_know_north_gives_roll_and_pitch():
 
 
 def test_bearings_for_headings_are_named():
-    way = _way(turn=0.05)
+    way = bend(turn=0.05)
     poses, words = _placed(_fixes(way), _imu(way, as_bearings=True))
     assert "degrees off it (but " in words and "mixed up: bearings count clockwise from north" in words
     np.testing.assert_allclose(poses.angles[:, 2], way.angles[:, 2], atol=0.4)  # the course
 
 
 def test_without_orientations_the_course_over_ground_is_the_heading():
-    way = _way(turn=0.01)
+    way = bend(turn=0.01)
     poses, words = _placed(_fixes(way))
     assert np.abs(poses.angles[8:-8, 2] - way.angles[8:-8, 2]).max() < 0.01
     assert np.abs(poses.angles[:, 2] - way.angles[:, 2]).max() < 0.08  # at both ends it is held
@@ -105,7 +96,7 @@ def test_without_orientations_the_course_over_ground_is_the_heading():
 
 
 def test_a_vehicle_that_stands_keeps_its_heading_whatever_its_receiver_does():
-    way = _way(30)
+    way = bend(30)
     standing = np.tile(way.positions[-1], (300, 1)) + np.random.default_rng(2).normal(0.0, 0.4, (300, 3))
     positions = np.concatenate([way.positions, standing])
     times = 100.0 + 0.1 * np.arange(len(positions))
@@ -116,9 +107,9 @@ def test_a_vehicle_that_stands_keeps_its_heading_whatever_its_receiver_does():
 @pytest.mark.parametrize(
     ("places", "words"),
     [
-        (FRAME.to_geographic(_way(3).positions), "got neither"),
+        (FRAME.to_geographic(bend(3).positions), "got neither"),
         (np.array([[0.0, -81.0, 0.0], [90.0, 99.0, 0.0]]), "log.csv"),  # where the projection does not reach
-        (FRAME.to_geographic(_way().positions)[:, [1, 0, 2]], r"latitude 9\.7.*, longitude 52\.3.*Are the two swapped"),
+        (FRAME.to_geographic(bend().positions)[:, [1, 0, 2]], r"latitude 9\.7.*, longitude 52\.3.*Are the two swapped"),
     ],
 )
 def test_positions_that_cannot_be_placed(places, words):
@@ -130,7 +121,7 @@ def test_positions_that_cannot_be_placed(places, words):
 def test_heights_above_a_geoid_that_is_not_there_are_not_made_up():
     """Heights of DHHN2016 need a grid, which is not installed with pyproj."""
     frame = GeographicFrame("EPSG:25832+7837")
-    places = FRAME.to_geographic(_way(2).positions)
+    places = FRAME.to_geographic(bend(2).positions)
     assert frame.has_heights
     try:
         heights = frame.to_map(places)[:, 2]

@@ -77,7 +77,7 @@ class Scans(ABC):
 
 
 def check_range(min_range: float, max_range: float) -> None:
-    """Refuse range limits that leave nothing: OptionError if not 0 <= min_range < max_range (m)."""
+    """OptionError if not 0 <= min_range < max_range (m)."""
     if not 0.0 <= min_range < max_range:
         raise OptionError(
             f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults are 1 and 120 m."
@@ -87,7 +87,7 @@ def check_range(min_range: float, max_range: float) -> None:
 def returns_in_range(points: NDArray[np.float64], min_range: float, max_range: float) -> tuple[NDArray[np.bool_], int]:
     """Return which points are returns within the range (m), shape (n,), and how many are returns at all.
 
-    A return is finite, and not at (0, 0, 0). OptionError if not 0 <= min_range < max_range.
+    A return is finite, and not at (0, 0, 0). Errors as of `check_range`.
     """
     check_range(min_range, max_range)
     x, y, z = points.T
@@ -156,8 +156,6 @@ class DeskewedScans(Scans):
 class MergedScans(Scans):
     """Scans of several scanners, matched by their times, their points in the frame of the vehicle.
 
-    OptionError if there are not as many poses and names as scanners, or none.
-
     scanners: each scan of the first one is an epoch; of each other scanner the scan nearest in time is added, if it is
         within half of the first one's usual interval.
     poses: T_vehicle_sensor of each.
@@ -165,11 +163,6 @@ class MergedScans(Scans):
     """
 
     def __init__(self, scanners: Sequence[Scans], poses: Sequence[Pose], names: Sequence[str]) -> None:
-        if not len(scanners) == len(poses) == len(names) or not scanners:
-            raise OptionError(
-                f"Expected a pose and a name for each of one or more scanners, got {len(poses)} and {len(names)} for"
-                f" {len(scanners)}."
-            )
         self.scanners, self.poses, self.names = tuple(scanners), tuple(poses), tuple(names)
 
     @property

@@ -11,22 +11,11 @@ from maxcon.geometry import Pose
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.map import PointMap
 from maxcon.scan.trajectory import Trajectory
-from recorded_drives import MadeScans, record_drive
+from recorded_drives import MadeScans, bend, record_drive
 
 pytest.importorskip("rosbags")
 
 UTM = "EPSG:25832"
-
-
-def _way(n=40, turn=0.0):
-    """Poses 1 m apart that bend by `turn` (rad) each."""
-    headings = 0.8 + turn * np.arange(n)
-    steps = np.column_stack([np.cos(headings), np.sin(headings)])
-    places = np.array([550_123.0, 5_802_417.0]) + np.concatenate([[[0.0, 0.0]], np.cumsum(steps[:-1], axis=0)])
-    times = 100.0 + 0.1 * np.arange(n)
-    return Trajectory.from_poses(
-        times, [Pose(x, y, 61.0, 0.01, -0.02, h) for (x, y), h in zip(places.tolist(), headings, strict=True)]
-    )
 
 
 def _map_with_ground(height):
@@ -49,7 +38,7 @@ def test_heights_far_from_the_map_s_ground_are_refused_with_what_the_geoid_may_b
 @pytest.fixture
 def recorded(tmp_path):
     """A recording with positions, orientations and odometry, of a bend."""
-    way = _way(turn=0.02)
+    way = bend(turn=0.02)
     odometry = Trajectory.from_poses(way.times, [way.pose(0).inverse @ pose for pose in way.poses()])
     path = record_drive(tmp_path / "drive.bag", MadeScans(0), way, UTM, sigma=0.3, odometry=odometry)
     return path, way, odometry

@@ -52,11 +52,6 @@ def test_what_was_written_is_read_in_any_order_by_several_threads(recorded, kind
     scans.close()
 
 
-def test_scans_without_times_of_points(tmp_path):
-    scans = open_scans(record_drive(tmp_path / "drive.mcap", MadeScans(2, has_times=False)))
-    assert scans.read(1).point_times is None and "relative" not in scans.words
-
-
 def test_clouds_recorded_out_of_order_are_all_read(tmp_path):
     """Clouds that were recorded earlier than one before them in the file were lost."""
     from mcap.writer import Writer
@@ -90,6 +85,8 @@ def test_the_time_of_a_scan_is_its_middle_or_that_of_its_message(tmp_path):
     path = record_drive(tmp_path / "drive.mcap", FromTheEnd(3))
     stamps = START + 0.1 * np.arange(3)
     np.testing.assert_allclose(open_scans(path).times, stamps - 0.05, atol=1e-6)
+    without = open_scans(record_drive(tmp_path / "without.mcap", MadeScans(2, has_times=False)))
+    assert without.read(1).point_times is None and "relative" not in without.words
     at_stamps = open_scans(path, at_stamp=True)
     np.testing.assert_allclose(at_stamps.times, stamps, atol=1e-6)
     assert at_stamps.read(0).point_times.max() == pytest.approx(0.0, abs=1e-6)
@@ -117,16 +114,12 @@ def test_an_mcap_that_its_recorder_did_not_close_is_read_as_far_as_it_is_whole(t
     assert 10 < len(scans) < 40
     np.testing.assert_array_equal(scans.read(3, 0.0, 200.0).points, made.read(3).points)
     assert "was not closed" in scans.words
-
-
-def test_a_chunk_that_claims_to_hold_what_no_memory_does(tmp_path):
-    path = record_drive(tmp_path / "drive.mcap", MadeScans(1, n_points=50))
-    data = bytearray(path.read_bytes())
+    # So is one with a chunk that claims more than any memory: it is held against its size and checksum.
+    data = bytearray(record_drive(path, MadeScans(1, n_points=50)).read_bytes())
     at = data.index(b"\x04\x00\x00\x00zstd") + 8
     assert struct.unpack_from("<Q", data, at)[0] < len(data)
     struct.pack_into("<Q", data, at, 2**62)
     path.write_bytes(data)
-    # Read as far as the file goes: what is in the chunk is held against its size and checksum.
     assert [raw.n_returns for raw in open_scans(path).scans()] == [50]
 
 
@@ -202,18 +195,14 @@ def test_a_recording_beside_scans_is_not_taken_for_them(tmp_path):
     assert open_scans(tmp_path).times.tolist() == [1.5]
 
 
-def test_two_clouds_of_one_time_are_one_scan(tmp_path):
+def test_two_clouds_of_one_time_are_one_scan_and_names_cannot_break_a_line(tmp_path):
     made = MadeScans(4)
     made.times = START + np.array([0.0, 0.1, 0.1, 0.2])
     scans = open_scans(record_drive(tmp_path / "twice.bag", made, made_prior(START + np.arange(3))))
     assert len(scans) == 3 and "1 left out" in scans.words
     np.testing.assert_array_equal(scans.read(2, 0.0, 200.0).points, made.read(3).points)
-
-
-def test_names_in_a_recording_cannot_break_a_line(tmp_path):
-    with pytest.raises(FileError, match=r"/a\?b\?\[31m") as refused:
+    with pytest.raises(FileError, match=r"^[^\n]*/a\?b\?\[31m[^\n]*$"):
         open_scans(_text_bag(tmp_path / "odd.bag", "/a\nb\x1b[31m", "x"))
-    assert "\n" not in str(refused.value)
 
 
 def test_a_recording_that_is_not_finished_is_not_there(tmp_path):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from maxcon.errors import FileError, OptionError
+from maxcon.errors import FileError
 from maxcon.geometry import Pose
 from maxcon.io.raw_scan import DeskewedScans, MergedScans
 from maxcon.io.scans import RawScan, Scans
@@ -108,5 +108,3 @@ def test_deskewed_at_15_metres_and_30_degrees_a_second():
 def test_scanners_on_other_clocks_are_refused():
     with pytest.raises(FileError, match=r"scans of the scanner rear within 0\.050 s of those of front, got none"):
         _ = merged(InARoom(FRONT, [0.0, 0.1]), InARoom(REAR, [1000.0, 1000.1])).words
-    with pytest.raises(OptionError, match="a pose and a name for each"):
-        MergedScans([InARoom(FRONT, [0.0])], [], [])

@@ -2,16 +2,17 @@
 # SPDX-License-Identifier: MIT
 """Where the clouds of a scanner come from: a topic of a recording, or a capture (.pcap) of a Velodyne's packets."""
 
+from __future__ import annotations
+
 import io
 import os
-from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -40,6 +41,7 @@ from maxcon.io.recordings.recording import (
 )
 from maxcon.io.text import printable
 
+T = TypeVar("T")
 CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan"
 PACKET_BYTES, POSITION_BYTES = 1206, (512, 554)
 """Bytes of a Velodyne's data packets, and of those with the position of its GNSS receiver."""
@@ -66,46 +68,17 @@ class RecordedCloud:
 
     def points(self) -> CloudPoints:
         """Return its returns; FileError if it is broken."""
-        with self._named() as record:
-            return decode_cloud(record)
+        return self._decoded(decode_cloud)
 
     def times(self) -> PointTimes:
         """Return the times of its returns; FileError if it is broken."""
-        with self._named() as record:
-            return decode_times(record)
+        return self._decoded(decode_times)
 
-    @contextmanager
-    def _named(self) -> Iterator[CloudRecord]:
+    def _decoded(self, decode: Callable[[CloudRecord], T]) -> T:
         if isinstance(self.record, FileError):
             raise self.record
-        try:
-            yield self.record
-        except FileError as error:
-            raise FileError(f"{self.label}: {error}") from error
-
-
-class CloudSource(ABC):
-    """Clouds of one scanner; opening it reads none of them."""
-
-    path: Path
-    label: str
-    notes: tuple[str, ...] = ()
-    n_clouds: int = 0
-    """Number of clouds; 0 if it is not known without reading them all."""
-    n_passed_over: int = 10
-    """Clouds to read on up to a later one, rather than to read from that one's time on."""
-
-    @property
-    def frame(self) -> str:
-        """Name of the scanner's frame, from the first of its clouds that tells it."""
-        return ""
-
-    @abstractmethod
-    def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
-        """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`."""
-
-    def close(self) -> None:  # noqa: B027  (captures are open only while they are read)
-        """Close the files."""
+        with as_file_error(Path(self.label), "a point cloud"):
+            return decode(self.record)
 
 
 def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> CloudSource:
@@ -162,8 +135,13 @@ def _listed(topics: Sequence[Topic]) -> str:
     return f"{words} and {len(topics) - 6} more" if len(topics) > 6 else words
 
 
-class TopicOfClouds(CloudSource):
-    """The clouds of one topic."""
+class TopicOfClouds:
+    """The clouds of one topic.
+
+    n_passed_over: clouds to read on up to a later one, rather than to read from that one's time on.
+    """
+
+    n_passed_over = 10
 
     def __init__(self, recording: Recording, topic: Topic) -> None:
         self.path, self.label, self._topic = recording.path, printable(topic.name), topic
@@ -171,7 +149,7 @@ class TopicOfClouds(CloudSource):
         self._recording = recording
 
     def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
-        """Yield the clouds recorded at `start` (ns) or later."""
+        """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`."""
         for message in self._recording.messages([self._topic.name], start):
             yield _cloud(message, f"{self.path}, {self.label}")
 
@@ -210,8 +188,8 @@ class _Turn(NamedTuple):
     end: int
 
 
-class VelodyneCapture(CloudSource):
-    """The packets of one Velodyne scanner; each cloud is one turn.
+class VelodyneCapture:
+    """The packets of one Velodyne scanner, as `TopicOfClouds`; each cloud is one turn.
 
     The first pass through the file finds where the packets of each turn are; later ones read only the turns they want.
     Times are those at which packets were captured: the scanner's own clock counts from the full hour, and is set only
@@ -219,6 +197,7 @@ class VelodyneCapture(CloudSource):
     """
 
     n_passed_over = 1
+    n_clouds, notes, frame = 0, (), ""
 
     def __init__(self, path: Path) -> None:
         self.path, self.label = path, path.name
@@ -275,6 +254,12 @@ class VelodyneCapture(CloudSource):
                 own = io.BytesIO(header + stream.read(turn.end - turn.begin))
                 packets = [(t, data) for t, data in self._package.util.iter_pcap(own) if len(data) == PACKET_BYTES]
                 yield turn.captured, _decoded(self._package, packets, self._config)[1]
+
+    def close(self) -> None:
+        """Do nothing: a capture is open only while it is read."""
+
+
+CloudSource = TopicOfClouds | VelodyneCapture
 
 
 def topics_of_capture(path: Path) -> tuple[Topic, ...]:

@@ -8,7 +8,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import FileError
 from maxcon.io.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
 from maxcon.io.text import printable
 
@@ -106,17 +105,14 @@ class CloudPoints:
 
 
 def decode_cloud(record: CloudRecord) -> CloudPoints:
-    """Return the returns of a recorded cloud, whatever its layout; FileError if it contradicts itself."""
-    coordinates = _coordinates(record)
-    rows = _returns(coordinates)
+    """Return the returns of a recorded cloud, whatever its layout; ValueError if it contradicts itself."""
+    coordinates, rows = _returns(record)
     n_returns = len(rows)
-    coordinates = _taken(coordinates, rows)
+    coordinates = [_taken(values, rows) for values in coordinates]
     once = _first_of_each(coordinates)
     if once is not None:
-        rows, coordinates = rows[once], _taken(coordinates, once)
-    points = np.empty((len(rows), 3))
-    for axis, values in enumerate(coordinates):
-        points[:, axis] = values
+        rows, coordinates = rows[once], [_taken(values, once) for values in coordinates]
+    points = np.stack(coordinates, axis=1, dtype=np.float64)
     columns = _times_and_rings(record, rows)
     ring = next((columns[name][1] for name in RINGS if name in columns), None)
     n_points = record.width * record.height
@@ -132,13 +128,7 @@ def decode_cloud(record: CloudRecord) -> CloudPoints:
 
 def decode_times(record: CloudRecord) -> PointTimes:
     """Return the times of the returns of a recorded cloud alone."""
-    return find_point_times(_times_and_rings(record, _returns(_coordinates(record))), record.stamp)
-
-
-def _coordinates(record: CloudRecord) -> list[NDArray[Any]]:
-    """The columns of x, y and z of a record that fits its bytes."""
-    _check_size(record)
-    return [_column(record, _coordinate_field(record, axis)) for axis in "xyz"]
+    return find_point_times(_times_and_rings(record, _returns(record)[1]), record.stamp)
 
 
 def _times_and_rings(record: CloudRecord, rows: NDArray[np.intp]) -> dict[str, Column]:
@@ -147,17 +137,13 @@ def _times_and_rings(record: CloudRecord, rows: NDArray[np.intp]) -> dict[str, C
     for field in record.fields:
         is_wanted = field.name.lower() in TIME_FIELDS or field.name in RINGS
         if is_wanted and field.count <= 1 and field.datatype in FORMATS:
-            columns[field.name] = (field.kind, _taken([_column(record, field)], rows)[0])
+            columns[field.name] = (field.kind, _taken(_column(record, field), rows))
     return columns
 
 
-def _taken(columns: list[NDArray[Any]], rows: NDArray[np.intp]) -> list[NDArray[Any]]:
-    """The numbers of some rows; the columns themselves where it is all of them."""
-    return [column if len(rows) == len(column) else column.take(rows) for column in columns]
-
-
-def _refuse(expected: str, got: str) -> FileError:
-    return FileError(f"Expected a point cloud with {expected}, got {got}. Was it recorded whole?")
+def _taken(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """The numbers of some rows; the column itself where it is all of them."""
+    return column if len(rows) == len(column) else column.take(rows)
 
 
 def _row_step(record: CloudRecord) -> int:
@@ -168,21 +154,17 @@ def _row_step(record: CloudRecord) -> int:
 def _check_size(record: CloudRecord) -> None:
     """Refuse fields that leave their point, points that leave their row, and fewer bytes than points."""
     width, height, step, row_step = record.width, record.height, record.point_step, _row_step(record)
-    if min(width, height) < 0 or width * height > MAX_POINTS:
-        raise _refuse(f"at most {MAX_POINTS:,} points", f"{width} x {height}")
-    if row_step < step * width:
-        raise _refuse(f"rows of {width} points of {step} bytes", f"rows of {row_step} bytes")
+    if min(width, height) < 0 or width * height > MAX_POINTS or row_step < step * width:
+        raise ValueError(f"{width} x {height} points of {step} bytes in rows of {row_step}, or over {MAX_POINTS:,}")
     for field in record.fields:
         if width * height and (field.offset < 0 or field.end > step):
-            raise _refuse(
-                f"the field {field.name[:40]!r} within the {step} bytes of a point",
-                f"it at byte {field.offset} to {field.end}",
-            )
+            at = f"at byte {field.offset} to {field.end}"
+            raise ValueError(f"the field {field.name[:40]!r} {at} of the {step} bytes of a point")
     # The padding behind the last point may be missing.
     last = max((field.end for field in record.fields), default=0)
     n_needed = (height - 1) * row_step + (width - 1) * step + last if width * height else 0
     if n_needed > len(record.data):
-        raise _refuse(f"{n_needed:,} bytes of points", f"{len(record.data):,}")
+        raise ValueError(f"{len(record.data):,} bytes of points, not {n_needed:,}")
 
 
 def _coordinate_field(record: CloudRecord, axis: str) -> FieldDescription:
@@ -192,7 +174,7 @@ def _coordinate_field(record: CloudRecord, axis: str) -> FieldDescription:
         if len(found) == 1 and found[0].count <= 1 and found[0].datatype in (7, 8):
             return found[0]
     names = ", ".join(f"{printable(field.name)} ({field.kind})" for field in record.fields)
-    raise _refuse(f"one field {axis!r} of floating-point numbers", names[:120] or "no fields")
+    raise ValueError(f"not one field {axis!r} of floating-point numbers among {names[:120] or 'no fields'}")
 
 
 def _column(record: CloudRecord, field: FieldDescription) -> NDArray[Any]:
@@ -207,9 +189,10 @@ def _column(record: CloudRecord, field: FieldDescription) -> NDArray[Any]:
     return np.ascontiguousarray(view, dtype=view.dtype.newbyteorder("=")).reshape(-1)
 
 
-def _returns(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp]:
-    """Rows of points that are finite and not at (0, 0, 0)."""
-    x, y, z = coordinates
+def _returns(record: CloudRecord) -> tuple[list[NDArray[Any]], NDArray[np.intp]]:
+    """The columns of x, y and z, and the rows of points that are finite and not at (0, 0, 0)."""
+    _check_size(record)
+    x, y, z = (_column(record, _coordinate_field(record, axis)) for axis in "xyz")
     with np.errstate(over="ignore", invalid="ignore"):
         squared = x * x
         squared += y * y
@@ -219,7 +202,7 @@ def _returns(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp]:
         rows = np.flatnonzero(~is_return)
         places = np.stack([x[rows], y[rows], z[rows]], axis=1)
         is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
-    return np.flatnonzero(is_return)
+    return [x, y, z], np.flatnonzero(is_return)
 
 
 def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] | None:
