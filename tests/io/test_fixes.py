@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.fixes import Fixes, Orientations, place_fixes
+from maxcon.io.fixes import Fixes, Orientations, ReceiverLog, place_fixes
 from maxcon.scan.trajectory import Trajectory
 from recorded_drives import bend
 
@@ -37,7 +37,7 @@ def _imu(way, off=0.0, sigma=math.nan, as_bearings=False):
 
 
 def _placed(fixes, orientations=None):
-    placed = place_fixes(fixes, orientations, FRAME, None, "log.csv")
+    placed = place_fixes(ReceiverLog(fixes, orientations, "a log"), FRAME, None, "log.csv")
     return placed.trajectory, placed.words
 
 
@@ -65,7 +65,7 @@ def test_orientations_of_an_imu_are_those_of_thebend():
     assert np.abs(difference).max() < 0.02  # 30 ms of turning, and the last one held
     assert np.median(np.abs(difference[:, 2])) == pytest.approx(0.006, abs=0.001)
     np.testing.assert_allclose(poses.covariances[3], np.diag([0.16, 0.64, 1e-4]), atol=1e-12)
-    assert words.startswith("orientations of /imu; heights: ")
+    assert words.startswith("a log; orientations of /imu; heights: ")
     poses, words = _placed(_fixes(way, 0.4), _imu(way))  # an IMU that states no sigma gets one
     assert math.sqrt(poses.covariances[0, 2, 2]) == pytest.approx(math.radians(2.0))
     assert "2 degrees assumed" in words

@@ -36,7 +36,7 @@ def test_positions_alone(tmp_path):
     assert np.isnan(rows.fixes.covariances).all() and rows.orientations is None
     prior = read_geographic_prior(path, UTM)
     np.testing.assert_allclose(
-        GeographicFrame(UTM).to_geographic(prior.placed.trajectory.positions), rows.fixes.places, atol=1e-9
+        GeographicFrame(UTM).to_geographic(prior.trajectory.positions), rows.fixes.places, atol=1e-9
     )
     assert "course over ground" in prior.words and "gnss.csv" in prior.words
 
@@ -62,14 +62,14 @@ def test_headings_of_a_compass_or_counter_clockwise(tmp_path, columns, values):
     rows = read_geographic_csv(path)
     np.testing.assert_allclose(np.degrees(rows.orientations.trajectory.angles[4]), [1.0, -2.0, 1.0], atol=1e-9)
     np.testing.assert_allclose(np.degrees(rows.orientations.sigmas), 0.5)
-    trajectory = read_geographic_prior(path, UTM).placed.trajectory
+    trajectory = read_geographic_prior(path, UTM).trajectory
     convergence = GeographicFrame(UTM).convergence(rows.fixes.places[4:5])[0]
     assert trajectory.angles[4, 2] == pytest.approx(math.radians(1.0) + convergence, abs=1e-4)
 
 
 def test_sigmas_of_east_and_north(tmp_path):
     path = _way(tmp_path, ",azimuth_deg,sigma_east,sigma_north,sigma_heading_deg", ",90,0.3,0.4,1.0")
-    covariances = read_geographic_prior(path, UTM).placed.trajectory.covariances
+    covariances = read_geographic_prior(path, UTM).trajectory.covariances
     np.testing.assert_allclose(covariances[2], np.diag([0.09, 0.16, math.radians(1.0) ** 2]), atol=1e-12)
 
 

@@ -147,13 +147,13 @@ def test_poses_in_the_coordinates_of_a_map(tmp_path):
     path = _write(tmp_path / "a.nmea", _way())
     prior = read_geographic_prior(path, UTM)
     np.testing.assert_allclose(
-        GeographicFrame(UTM).to_geographic(prior.placed.trajectory.positions)[0], [52.0, 13.0, 100.0], atol=1e-9
+        GeographicFrame(UTM).to_geographic(prior.trajectory.positions)[0], [52.0, 13.0, 100.0], atol=1e-9
     )
-    assert abs(prior.placed.trajectory.angles[10, 2]) < math.radians(2.0)  # grid north is 1.6 degrees off
-    assert prior.placed.heights is Heights.ELLIPSOIDAL and not prior.placed.has_orientations
+    assert abs(prior.trajectory.angles[10, 2]) < math.radians(2.0)  # grid north is 1.6 degrees off
+    assert prior.heights is Heights.ELLIPSOIDAL and not prior.has_orientations
     lowered = read_geographic_prior(path, UTM, 39.0)
-    np.testing.assert_allclose(lowered.placed.trajectory.positions[:, 2], 61.0)
-    assert "less 39 m" in lowered.words and lowered.placed.heights is None
+    np.testing.assert_allclose(lowered.trajectory.positions[:, 2], 61.0)
+    assert "less 39 m" in lowered.words and lowered.heights is None
     with pytest.raises(CrsError, match="a map with a CRS"):
         read_geographic_prior(path, None)
 
@@ -162,20 +162,20 @@ def test_heights_above_the_geoid_are_not_mixed_with_ellipsoidal_ones(tmp_path):
     lines = [line for i in range(20) for line in (gga(START + i, 52.0, 13.0 + i * 3e-5, 60.0), rmc(START + i))]
     path = _write(tmp_path / "a.nmea", lines)
     prior = read_geographic_prior(path, UTM)
-    np.testing.assert_allclose(prior.placed.trajectory.positions[:, 2], 60.0)
-    assert prior.placed.heights is Heights.ORTHOMETRIC and "above the geoid, as they are" in prior.words
+    np.testing.assert_allclose(prior.trajectory.positions[:, 2], 60.0)
+    assert prior.heights is Heights.ORTHOMETRIC and "above the geoid, as they are" in prior.words
     with pytest.raises(OptionError, match="Leave it out"):
         read_geographic_prior(path, UTM, 40.0)
     with_geoid = read_geographic_prior(path, "EPSG:25833+5783")
-    np.testing.assert_allclose(with_geoid.placed.trajectory.positions[:, 2], 60.0)
-    assert with_geoid.placed.heights is None
+    np.testing.assert_allclose(with_geoid.trajectory.positions[:, 2], 60.0)
+    assert with_geoid.heights is None
     import pyproj
 
     ellipsoidal = pyproj.CRS(UTM).to_3d().to_wkt()
     with pytest.raises(CrsError, match="--geoid-height"):
         read_geographic_prior(path, ellipsoidal)
     np.testing.assert_allclose(
-        read_geographic_prior(path, ellipsoidal, 40.0).placed.trajectory.positions[:, 2], 100.0, atol=1e-6
+        read_geographic_prior(path, ellipsoidal, 40.0).trajectory.positions[:, 2], 100.0, atol=1e-6
     )
 
 

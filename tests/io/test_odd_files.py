@@ -17,7 +17,7 @@ def n_points(path):
 
 
 def n_poses(path):
-    return len(read_geographic_prior(path, "EPSG:3857").placed.trajectory)
+    return len(read_geographic_prior(path, "EPSG:3857").trajectory)
 
 
 ALL_READ = ("las", "copc", "ply", "pcd")

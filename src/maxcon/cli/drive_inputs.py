@@ -171,12 +171,11 @@ def _geographic_prior(
     from maxcon.io.fixes import Heights
     from maxcon.io.geographic_priors import read_geographic_prior
 
-    read = read_geographic_prior(prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None)
-    placed = read.placed
+    placed = read_geographic_prior(prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None)
     trajectory = _of_sensor(placed.trajectory, mounting, has_orientations=placed.has_orientations)
     if placed.heights is not None:
         check_heights(point_map, trajectory, are_orthometric=placed.heights is Heights.ORTHOMETRIC)
-    return trajectory, f"prior: {read.words}", read.left_out
+    return trajectory, f"prior: {placed.words}", placed.left_out
 
 
 def _check_without(given: Mapping[str, object], what: str, prior: Path) -> None:

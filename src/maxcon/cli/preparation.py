@@ -10,7 +10,6 @@ import typer
 from maxcon.cli.options import Topic
 
 if TYPE_CHECKING:
-    from maxcon.io.scans.description import ScansDescription
     from maxcon.warmup import Compiled
 
 
@@ -91,35 +90,7 @@ def info(
         console.print("no point cloud that can be read")
     for scanner in found.scanners:
         table = Table("", "", show_header=False, box=None, pad_edge=False)
-        for row in _rows(scanner):
+        for row in scanner.items():
             table.add_row(*row)
         console.print()
         console.print(table)
-
-
-def _rows(scanner: "ScansDescription") -> list[tuple[str, str]]:
-    rate = "" if scanner.rate is None else f", {scanner.rate:.2f} a second"
-    n, each = max(scanner.n_points, 1), scanner.n_points / max(scanner.n_seen, 1)
-    points = (
-        f"{each:,.0f} a scan; {100.0 * scanner.n_invalid / n:.1f} % no returns,"
-        f" {100.0 * scanner.n_duplicates / n:.1f} % come twice"
-    )
-    rows = [
-        ("scans", f"{scanner.source}: {scanner.n_scans:,} scans{rate}; of the first {scanner.n_seen}:"),
-        ("fields", scanner.fields),
-        ("times", scanner.times),
-        ("rings", scanner.rings),
-        ("points", points),
-    ]
-    if scanner.ranges is not None:
-        nearest, median, farthest = scanner.ranges
-        rows.append(("range", f"{nearest:.2f} to {farthest:.1f} m, median {median:.1f} m"))
-    if scanner.low is not None and scanner.high is not None:
-        extents = zip("xyz", scanner.low, scanner.high, strict=True)
-        rows.append(("extent", ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"))
-    if scanner.fraction_with_normal is not None:
-        percent = 100.0 * scanner.fraction_with_normal
-        rows.append(("normals", f"{percent:.0f} % of the points of the first scan have one"))
-    if scanner.problem:
-        rows.append(("problem", scanner.problem))
-    return rows

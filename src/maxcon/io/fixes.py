@@ -26,6 +26,7 @@ ASSUMED_SIGMA = math.radians(2.0)
 """Of an IMU's heading, where it states none, rad."""
 MAX_GAP = 0.5
 """Between two orientations to interpolate across, s."""
+COURSE = "headings: course over ground"
 
 
 class Heights(Enum):
@@ -86,6 +87,15 @@ class Orientations:
     frame: str = ""
 
 
+class ReceiverLog(NamedTuple):
+    """What a receiver measured, what is to be said of it, and what is wrong with rows that are no positions."""
+
+    fixes: Fixes
+    orientations: Orientations | None
+    words: str = ""
+    left_out: tuple[str, ...] = ()
+
+
 def is_place(place: list[float]) -> bool:
     """Whether latitude, longitude (degrees) and height (m) are a place; receivers without a fix say 0, 0."""
     return all(map(math.isfinite, place)) and abs(place[0]) <= 90.0 and abs(place[1]) <= 360.0 and place[:2] != [0, 0]
@@ -100,31 +110,27 @@ class PlacedFixes:
     heights: what heights are counted from that are taken as they are, though the map's CRS does not say what its own
         are.
     has_orientations: whether headings are measured; if not, they are the course over ground.
+    left_out: what is wrong with rows that are no positions.
     """
 
     trajectory: Trajectory
     words: str
     heights: Heights | None
     has_orientations: bool
+    left_out: tuple[str, ...] = ()
 
 
 def place_fixes(
-    fixes: Fixes,
-    orientations: Orientations | None,
-    frame: GeographicFrame,
-    geoid_height: float | None,
-    label: str,
-    *,
-    are_sure: bool = False,
+    log: ReceiverLog, frame: GeographicFrame, geoid_height: float | None, label: str, *, are_sure: bool = False
 ) -> PlacedFixes:
     """Return poses in the map's CRS, and what is to be said of them.
 
-    orientations: towards true north, where there are any.
     frame: of the map.
     geoid_height: of the geoid above the ellipsoid, m.
     label: where they come from, for messages.
     are_sure: whether orientations are believed even if they are nothing like the course over ground.
     """
+    fixes, orientations, words, left_out = log
     positions, words_of_heights = _positions(fixes, frame, geoid_height, label)
     courses = _courses(fixes.times, positions)
     turns = None if orientations is None else _of_imu(fixes, orientations, frame, None if are_sure else courses)
@@ -135,8 +141,9 @@ def place_fixes(
                 " headings from, got neither. Give the poses as a file: --prior."
             )
         level = quaternions_from_angles(0.0, 0.0, courses)
-        words = "headings: course over ground; roll and pitch 0"
-        turns = _Turns(np.arange(len(courses)), level, _course_sigmas(fixes), words, has_headings=False)
+        turns = _Turns(
+            np.arange(len(courses)), level, _course_sigmas(fixes), f"{COURSE}; roll and pitch 0", has_headings=False
+        )
     rows = turns.rows
     covariances = np.zeros((len(rows), 3, 3))
     covariances[:, :2, :2] = fixes.covariances[rows]
@@ -146,9 +153,10 @@ def place_fixes(
     left = f"; {fixes.n_left_out} messages without a fix left out" if fixes.n_left_out else ""
     return PlacedFixes(
         checked_trajectory(label, fixes.times[rows], positions[rows], turns.quaternions_xyzw, known),
-        f"{turns.words}; heights: {words_of_heights}{left}",
+        f"{words}; {turns.words}; heights: {words_of_heights}{left}",
         None if frame.has_heights or geoid_height is not None else fixes.heights,
         turns.has_headings,
+        left_out,
     )
 
 
@@ -235,7 +243,7 @@ def _of_imu(
                 " headings counter-clockwise from east)"
             )
             words = (
-                f"headings: course over ground, for those of {orientations.topic} are {math.degrees(off):.0f} degrees"
+                f"{COURSE}, for those of {orientations.topic} are {math.degrees(off):.0f} degrees"
                 f" off it{compass if mixed_up <= COMPASS_ALIKE else ''}; roll and pitch of the latter"
             )
             turned = quaternions_from_angles(roll, pitch, courses[rows])

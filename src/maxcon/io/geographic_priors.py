@@ -4,7 +4,6 @@
 
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.fixes import Fixes, Heights, Orientations, PlacedFixes, is_place, place_fixes
+from maxcon.io.fixes import Fixes, Heights, Orientations, PlacedFixes, ReceiverLog, is_place, place_fixes
 from maxcon.io.nmea import is_nmea, read_nmea
 from maxcon.io.pose_tables import UNCLEAR_HEADINGS, PoseTable, read_pose_table
 from maxcon.io.text import numbered_lines
@@ -28,22 +27,6 @@ UNCLEAR_HEIGHTS = ("altitude", "alt", "elevation", "z", "h")
 SIGMAS = (("sigma_east", "sigma_north"), ("sigma_x", "sigma_y"))
 
 
-class GeographicPrior(NamedTuple):
-    """Rough poses in the coordinates of the map, where they come from in a line, and rows that are no positions."""
-
-    placed: PlacedFixes
-    words: str
-    left_out: tuple[str, ...] = ()
-
-
-class GeographicRows(NamedTuple):
-    """Positions and orientations of a table, and what is wrong with rows that are no positions."""
-
-    fixes: Fixes
-    orientations: Orientations | None
-    left_out: tuple[str, ...]
-
-
 def is_geographic(path: Path) -> bool:
     """Whether a prior is a log of NMEA sentences, or a table with a column latitude; FileError if it is no text."""
     if is_nmea(path):
@@ -56,7 +39,7 @@ def is_geographic(path: Path) -> bool:
 
 def read_geographic_prior(
     path: Path, crs: str | None, geoid_height: float | None = None, *, are_sure: bool = False
-) -> GeographicPrior:
+) -> PlacedFixes:
     """Return the poses in a log of NMEA sentences, or in a table with a column latitude.
 
     path: the file: see `read_nmea`, `read_geographic_csv`.
@@ -69,17 +52,13 @@ def read_geographic_prior(
             f"Expected a map with a CRS, to place {path}, which is in latitude and longitude; got one without. Build"
             " it with --crs."
         )
-    words, left_out = f"positions from {path.name}", tuple[str, ...]()
-    if is_nmea(path):
-        fixes, orientations, words_of_log = read_nmea(path)
-        words += f" (NMEA); {words_of_log}"
-    else:
-        fixes, orientations, left_out = read_geographic_csv(path)
-    placed = place_fixes(fixes, orientations, GeographicFrame(crs), geoid_height, str(path), are_sure=are_sure)
-    return GeographicPrior(placed, f"{words}; {placed.words}", left_out)
+    log = read_nmea(path) if is_nmea(path) else read_geographic_csv(path)
+    words = f"positions from {path.name}" + (f" (NMEA); {log.words}" if log.words else "")
+    log = log._replace(words=words)
+    return place_fixes(log, GeographicFrame(crs), geoid_height, str(path), are_sure=are_sure)
 
 
-def read_geographic_csv(file: Path) -> GeographicRows:
+def read_geographic_csv(file: Path) -> ReceiverLog:
     """Return positions and orientations in a table.
 
     file: with a header: time (s), latitude, longitude (degrees), and ellipsoidal_height, orthometric_height or height
@@ -110,7 +89,8 @@ def read_geographic_csv(file: Path) -> GeographicRows:
     if fault is not None:
         table.refuse(fault.words, table.lines[fault.row])
     fixes = Fixes.of_sigmas(times, places[:, 1:], sigmas[:, :2], n_empty, HEIGHT_COLUMNS[height])
-    return GeographicRows(fixes, _orientations(file.name, times, angles, sigmas[:, 2]), table.told_faults())
+    orientations = _orientations(file.name, times, angles, sigmas[:, 2])
+    return ReceiverLog(fixes, orientations, left_out=table.told_faults())
 
 
 def _check_header(table: PoseTable, sigma_names: tuple[str, str]) -> tuple[str, str]:

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
-from maxcon.io.fixes import Fixes, Heights, Orientations, is_place
+from maxcon.io.fixes import Fixes, Heights, Orientations, ReceiverLog, is_place
 from maxcon.io.text import parse_float, reading
 from maxcon.scan.trajectory import Trajectory
 
@@ -40,14 +40,6 @@ N_COLUMNS = {"time": 2, "date": 2, "sigmas": 4, "position": 7, "HDT": 6, "PASHR"
 m; or azimuth, roll to starboard, nose up and sigma of the azimuth, degrees. What is not said is NaN."""
 
 
-class NmeaLog(NamedTuple):
-    """Positions and orientations of a log, and what is to be said of them."""
-
-    fixes: Fixes
-    orientations: Orientations | None
-    words: str
-
-
 def is_nmea(file: Path) -> bool:
     """Whether a file is a log of NMEA sentences: by its suffix, or .txt with such a sentence near its beginning."""
     suffix = file.suffix.lower()
@@ -60,7 +52,7 @@ def is_nmea(file: Path) -> bool:
         return False  # said where it is read
 
 
-def read_nmea(file: Path) -> NmeaLog:
+def read_nmea(file: Path) -> ReceiverLog:
     """Return what a receiver logged; sentences with a wrong checksum, or without, are passed over and counted.
 
     file: the log; other lines and protocols between sentences are passed over.
@@ -146,7 +138,7 @@ class _Log:
         return np.array(self._rows[kind]).reshape(-1, N_COLUMNS[kind])
 
 
-def _finished(file: Path, log: _Log) -> NmeaLog:
+def _finished(file: Path, log: _Log) -> ReceiverLog:
     """What was read, sorted by time; GGA and GNS of one time are one."""
     positions, dates = log.rows("position"), log.rows("date")
     n_positions = len(positions)
@@ -176,7 +168,7 @@ def _finished(file: Path, log: _Log) -> NmeaLog:
     words = f"times: UTC; sigmas: {n_stated} of GST, {n_known - n_stated} of HDOP, {len(times) - n_known} unknown"
     if log.n_broken:
         words += f"; {log.n_broken} sentences with a wrong checksum, or without, left out"
-    return NmeaLog(fixes, _orientations(file, log, dates), words)
+    return ReceiverLog(fixes, _orientations(file, log, dates), words)
 
 
 def _dated(rows: NDArray[np.float64], dates: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.fixes import Fixes, Heights, Orientations, checked_trajectory, is_place, place_fixes
+from maxcon.io.fixes import Fixes, Heights, Orientations, ReceiverLog, checked_trajectory, is_place, place_fixes
 from maxcon.io.recordings.recording import Recording, Topic, frame_name, frame_of, open_recording
 from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree, contents, numbers_of
 from maxcon.io.text import printable
@@ -184,10 +184,11 @@ def _of_fixes(
     times, values = _table(rows)
     fixes = Fixes(times, values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out, frame=frame)
     orientations = _read_orientations(recording)
-    placed = place_fixes(fixes, orientations, GeographicFrame(crs), geoid_height, label, are_sure=are_sure)
+    log = ReceiverLog(fixes, orientations, f"poses from {printable(topic.name)} (NavSatFix)")
+    placed = place_fixes(log, GeographicFrame(crs), geoid_height, label, are_sure=are_sure)
     return RecordedPoses(
         placed.trajectory,
-        f"poses from {printable(topic.name)} (NavSatFix); {placed.words}",
+        placed.words,
         placed.heights is Heights.ELLIPSOIDAL,
         placed.has_orientations,
         frame,

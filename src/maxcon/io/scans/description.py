@@ -5,7 +5,6 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -33,47 +32,16 @@ N_SCANS = 10
 """Scans of each scanner that are read for it."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScansDescription:
-    """The scans of one scanner.
+class RecordingDescription(NamedTuple):
+    """Topics and notes of a recording (none for folders of scans), and a table of words for each of its scanners.
 
-    source: their topic, or the folder.
-    n_scans, n_seen: how many there are, and how many of them were read: the first ones.
-    fields, times, rings: what is stored of each point; how the times of points were understood, and why; layers of the
-        scanner.
-    rate: scans in a second.
-    n_points, n_invalid, n_duplicates: in all scans that were read: points, those of them without a return, and those
-        that come twice.
-    ranges: nearest, median and farthest of their returns, m.
-    low, high: least and largest x, y, z, sensor frame, m.
-    fraction_with_normal: of the points between 1 m and 120 m in the first scan with points, those with a normal.
-    problem: why one of these scans cannot be read; empty if all can.
+    A table has "scans", "fields", "times" (how those of points were understood, and why), "rings", "points"; and where
+    they are known "range", "extent", "normals" and a "problem", why one of the scans cannot be read.
     """
-
-    source: str
-    n_scans: int
-    n_seen: int
-    fields: str
-    times: str
-    rings: str
-    rate: float | None
-    n_points: int
-    n_invalid: int
-    n_duplicates: int
-    ranges: tuple[float, ...] | None
-    low: tuple[float, ...] | None
-    high: tuple[float, ...] | None
-    fraction_with_normal: float | None
-    problem: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingDescription:
-    """Topics and notes of a recording (none for folders of scans), and its scanners."""
 
     topics: tuple[Topic, ...]
     notes: tuple[str, ...]
-    scanners: tuple[ScansDescription, ...]
+    scanners: tuple[dict[str, str], ...]
 
 
 class _Seen(NamedTuple):
@@ -125,8 +93,8 @@ def _seen_in_folder(scans: ScanFolder, i: int) -> _Seen:
     return _Seen(raw.points, raw.time, (raw.n_returns, raw.n_dropped_invalid, 0), *words)
 
 
-def _described(source: str, n_scans: int, reads: Iterator[Callable[[], _Seen]]) -> ScansDescription:
-    """The description of the first scans that can be read."""
+def _described(source: str, n_scans: int, reads: Iterator[Callable[[], _Seen]]) -> dict[str, str]:
+    """What the first scans say that can be read."""
     seen: list[_Seen] = []
     problems: list[str] = []
     for read in islice(reads, N_SCANS):
@@ -134,27 +102,30 @@ def _described(source: str, n_scans: int, reads: Iterator[Callable[[], _Seen]]) 
             seen.append(read())
         except FileError as error:
             problems.append(str(error))
-    full = [scan.points for scan in seen if len(scan.points)]
-    points = np.concatenate(full) if full else np.empty((0, 3))
     times = sorted(scan.time for scan in seen)
-    ranges = np.linalg.norm(points, axis=1)
+    rate = f", {(len(times) - 1) / (times[-1] - times[0]):.2f} a second" if times and times[-1] > times[0] else ""
+    n_seen = len(seen) + len(problems)
     n_points, n_invalid, n_duplicates = np.sum([(0, 0, 0), *(scan.counts for scan in seen)], axis=0).tolist()
     rings = np.unique(np.concatenate([np.empty(0, np.int64), *(s.rings for s in seen if s.rings is not None)]))
-    near = full[0][returns_in_range(full[0], 1.0, 120.0)[0]] if full else points
-    return ScansDescription(
-        source=source,
-        n_scans=n_scans,
-        n_seen=len(seen) + len(problems),
-        fields=(seen[0].fields if seen else "") or "x, y, z",
-        times=(seen[0].times if seen else "") or "the points of these files have no times",
-        rings=f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
-        rate=(len(times) - 1) / (times[-1] - times[0]) if times and times[-1] > times[0] else None,
-        n_points=n_points,
-        n_invalid=n_invalid,
-        n_duplicates=n_duplicates,
-        ranges=(float(ranges.min()), float(np.median(ranges)), float(ranges.max())) if full else None,
-        low=tuple(points.min(axis=0).tolist()) if full else None,
-        high=tuple(points.max(axis=0).tolist()) if full else None,
-        fraction_with_normal=float(Scan(near).normals.any(axis=1).mean()) if len(near) else None,
-        problem=problems[0] if problems else "",
-    )
+    words = {
+        "scans": f"{source}: {n_scans:,} scans{rate}; of the first {n_seen}:",
+        "fields": (seen[0].fields if seen else "") or "x, y, z",
+        "times": (seen[0].times if seen else "") or "the points of these files have no times",
+        "rings": f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
+        "points": (
+            f"{n_points / max(n_seen, 1):,.0f} a scan; {100.0 * n_invalid / max(n_points, 1):.1f} % no returns,"
+            f" {100.0 * n_duplicates / max(n_points, 1):.1f} % come twice"
+        ),
+    }
+    full = [scan.points for scan in seen if len(scan.points)]
+    if full:
+        points = np.concatenate(full)
+        ranges = np.linalg.norm(points, axis=1)
+        words["range"] = f"{ranges.min():.2f} to {ranges.max():.1f} m, median {np.median(ranges):.1f} m"
+        extents = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
+        words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"
+        near = full[0][returns_in_range(full[0], 1.0, 120.0)[0]]
+        if len(near):
+            percent = 100.0 * float(Scan(near).normals.any(axis=1).mean())
+            words["normals"] = f"{percent:.0f} % of the points of the first scan have one"
+    return words | ({"problem": problems[0]} if problems else {})
