@@ -75,29 +75,24 @@ def test_only_coordinates_change(three_passes, aligned):
         np.testing.assert_allclose(coordinates(out / f"{source.stem}.laz")[0], wanted, atol=0.00051)
 
 
-def test_the_trajectory_moves_with_its_points(aligned):
+def test_the_trajectory_moves_with_its_points_and_tables_say_what_was_found(aligned):
     found, out, trajectory = aligned
     before, after = read_trajectory(trajectory), read_trajectory(out / "vehicle.txt")
-    passes = found.passes.at(before.times)
-    wanted = found.adjusted.corrections.moved(before.positions, before.times, passes)
-    np.testing.assert_allclose(after.positions, wanted, atol=1e-6)
-    turns = found.adjusted.corrections.motions(before.times, passes)[2]
+    passes, corrections = found.passes.at(before.times), found.adjusted.corrections
+    np.testing.assert_allclose(after.positions, corrections.moved(before.positions, before.times, passes), atol=1e-6)
+    turns = corrections.motions(before.times, passes)[2]
     np.testing.assert_allclose(after.angles, turns, atol=1e-5)  # from level, small turns are angles
-
-
-def test_tables_say_what_was_found(aligned):
-    found, out, _ = aligned
     summary = json.loads((out / "alignment.json").read_text())
     assert summary["n_ties"] == len(found.constraints)
     assert summary["sigma"]["of_map"] == pytest.approx(found.sigma_of_map, abs=1e-5)
     assert summary["words"] == []
-    rows = {name: list(csv.DictReader((out / name).open())) for name in ("rounds.csv", "residuals.csv", "ties.csv")}
-    assert [row["name"] for row in rows["rounds.csv"]] == ["pass 1", "pass 2", "pass 3"]
-    assert [(row["round_a"], row["round_b"]) for row in rows["residuals.csv"]] == [("1", "2"), ("1", "3"), ("2", "3")]
-    for row in rows["residuals.csv"]:
+    rows = {name: list(csv.DictReader((out / f"{name}.csv").open())) for name in ("rounds", "residuals", "ties")}
+    assert [row["name"] for row in rows["rounds"]] == ["pass 1", "pass 2", "pass 3"]
+    assert [(row["round_a"], row["round_b"]) for row in rows["residuals"]] == [("1", "2"), ("1", "3"), ("2", "3")]
+    for row in rows["residuals"]:
         assert float(row["horizontal_after_median"]) < 0.1 * float(row["horizontal_before_median"])
-    assert len(rows["ties.csv"]) == len(found.constraints)
-    assert len(list(csv.DictReader((out / "corrections.csv").open()))) == len(found.adjusted.corrections.knots)
+    assert len(rows["ties"]) == len(found.constraints)
+    assert len(list(csv.DictReader((out / "corrections.csv").open()))) == len(corrections.knots)
 
 
 def test_threads_change_nothing(three_passes, aligned, tmp_path):
@@ -107,24 +102,16 @@ def test_threads_change_nothing(three_passes, aligned, tmp_path):
         assert file.read_bytes() == (out / file.name).read_bytes(), file.name
 
 
-def test_nothing_is_overwritten(three_passes, aligned, tmp_path):
-    clouds, _ = three_passes
-    _, out, _ = aligned
-    with pytest.raises(FileError, match="not to exist yet"):
-        align_files(clouds, out)
-    with pytest.raises(FileError, match="without what is to be aligned"):
-        align_files(clouds, clouds[0].parent, overwrite=True)
-    (tmp_path / "mine.doc").write_text("")
-    with pytest.raises(FileError, match="to be an alignment"):
-        align_files(clouds, tmp_path, overwrite=True)
-
-
 def test_only_the_files_of_an_alignment_are_replaced(three_passes, aligned, tmp_path):
     """It lists them itself: other clouds and tables that were put beside them stay."""
     clouds, _ = three_passes
     _, made, trajectory = aligned
     out = tmp_path / "out"
     shutil.copytree(made, out)
+    with pytest.raises(FileError, match="not to exist yet"):
+        align_files(clouds, out)
+    with pytest.raises(FileError, match="without what is to be aligned"):
+        align_files(clouds, clouds[0].parent, overwrite=True)
     align_files(clouds, out, AlignmentOptions(**PRIOR), overwrite=True)
     names = {path.name for path in out.iterdir()}
     assert names == {path.name for path in made.iterdir()} - {trajectory.name}
@@ -196,15 +183,14 @@ def test_passes_at_the_same_time_have_no_trajectory(tmp_path, write_las, scene):
         align_files(clouds, tmp_path / "out", AlignmentOptions(passes_by="file"), trajectories=[trajectory])
 
 
-# --- `maxcon map align` -------------------------------------------------------------------------------
-
-
 def run(*arguments):
     return CliRunner().invoke(app, ["map", "align", *map(str, arguments), "-q"])
 
 
 def test_it_says_how_far_passes_lay_apart_and_what_that_makes_of_a_map(three_passes, tmp_path):
     clouds, _ = three_passes
+    refused = run(*clouds, "-o", tmp_path / "out", "--rounds", "colour")
+    assert isinstance(refused.exception, OptionError) and not (tmp_path / "out").exists()
     ended = run(*clouds, "-o", tmp_path / "out", "--georeference-sigma-deg", "0.2")
     assert ended.exit_code == 0, ended
     lines = ended.output.splitlines()
@@ -215,10 +201,3 @@ def test_it_says_how_far_passes_lay_apart_and_what_that_makes_of_a_map(three_pas
     assert lines[8].startswith("sigma        one pass beside the others 0.")
     assert "the mean of the passes' georeference" in lines[9]
     assert not any(line.startswith("note") for line in lines)
-
-
-def test_words_that_are_none_are_refused(three_passes, tmp_path):
-    clouds, _ = three_passes
-    ended = run(*clouds, "-o", tmp_path / "out", "--rounds", "colour")
-    assert isinstance(ended.exception, OptionError)
-    assert not (tmp_path / "out").exists()

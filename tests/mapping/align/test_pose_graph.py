@@ -6,10 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from test_corrections import passes_of
 
-from maxcon.geometry import Pose
 from maxcon.mapping.align.alignment import (
     connectivity_of_passes,
     datum_sigma,
@@ -17,16 +15,12 @@ from maxcon.mapping.align.alignment import (
     pair_residuals,
     remaining_sigma,
 )
-from maxcon.mapping.align.passes import Corrections
+from maxcon.mapping.align.passes import Corrections, pose_of_twist
 from maxcon.mapping.align.pose_graph import Equations, Georeference, adjust, adjust_by_evidence
 from maxcon.mapping.align.visits import Constraint
 
 PRIOR = Georeference(0.1, math.radians(0.05))
 SIGMAS = np.repeat([0.003, math.radians(0.01)], 3)
-
-
-def pose_of(twist):
-    return Pose.from_rotation(twist[:3], Rotation.from_rotvec(twist[3:]).as_matrix())
 
 
 def campaign(seed, n_passes=4, duration=60, drift=0.0, every=4, noise=1.0):
@@ -49,8 +43,10 @@ def campaign(seed, n_passes=4, duration=60, drift=0.0, every=4, noise=1.0):
 
 def constraint_of(true, place, passes, times, error):
     """What a match of two passes would find that `true` corrects."""
-    first, second = (pose_of(true.twist_at(place, time, number)) for time, number in zip(times, passes, strict=True))
-    pose = first.inverse @ second @ pose_of(error)
+    first, second = (
+        pose_of_twist(true.twist_at(place, time, number)) for time, number in zip(times, passes, strict=True)
+    )
+    pose = first.inverse @ second @ pose_of_twist(error)
     return Constraint(place, passes, times, pose, np.diag(SIGMAS**2), 0.8)
 
 
@@ -83,10 +79,10 @@ def test_residuals_are_what_constraints_say_of_corrected_passes():
     corrections = true.changed(true.wholes + 0.01, true.knots)
     adjusted = adjust(Equations(corrections, constraints), PRIOR, 0.0)
     for constraint, residual in list(zip(constraints, adjusted.residuals, strict=True))[:20]:
-        first, second = (pose_of(adjusted.corrections.twist_at(*end)) for end in ends_of(constraint))
+        first, second = (pose_of_twist(adjusted.corrections.twist_at(*end)) for end in ends_of(constraint))
         left = first @ constraint.pose @ second.inverse
         np.testing.assert_allclose(residual[:3], left.position, atol=1e-12)
-        np.testing.assert_allclose(pose_of(residual).rotation, left.rotation, atol=1e-12)
+        np.testing.assert_allclose(pose_of_twist(residual).rotation, left.rotation, atol=1e-12)
 
 
 def test_the_covariance_holds():
@@ -135,13 +131,8 @@ def test_wrong_constraints_do_not_bend_the_graph():
 def test_what_no_constraint_tells_stays_at_its_prior():
     passes, none, _true, constraints = campaign(4, n_passes=3)
     # a street along x, where matches are open; and a pass that nobody met
-    covariance = np.diag(SIGMAS**2)
-    covariance[0, 0] = 1.0
-    constraints = [
-        Constraint(constraint.place, constraint.passes, constraint.times, constraint.pose, covariance, 0.8)
-        for constraint in constraints
-        if 2 not in constraint.passes
-    ]
+    covariance = np.diag([1.0, *SIGMAS[1:] ** 2])
+    constraints = [each._replace(covariance=covariance) for each in constraints if 2 not in each.passes]
     adjusted = adjust(Equations(none, constraints), PRIOR, 0.0)
     first, _second, third = connectivity_of_passes(passes, constraints, adjusted, PRIOR)
     assert first.sigma[0] > 0.09
@@ -155,7 +146,7 @@ def test_what_no_constraint_tells_stays_at_its_prior():
 
 def test_sets_of_passes_that_never_met_are_told():
     passes, none, _true, constraints = campaign(5, n_passes=5)
-    constraints = [constraint for constraint in constraints if (constraint.passes[0] < 3) == (constraint.passes[1] < 3)]
+    constraints = [each for each in constraints if (each.passes[0] < 3) == (each.passes[1] < 3)]
     tied = connectivity_of_passes(passes, constraints, adjust(Equations(none, constraints), PRIOR, 0.0), PRIOR)
     assert [each.component for each in tied] == [0, 0, 0, 1, 1]
     assert tied[3].words == "pass 4 is connected to pass 5 only, not to the other passes"

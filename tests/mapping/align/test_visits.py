@@ -34,7 +34,7 @@ def constraint_between(scene, planes, twist, seed):
     return constraint
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_known_displacement_is_found(scene, seed):
     rng = np.random.default_rng([seed, 1])
     twist = np.concatenate([rng.normal(0.0, 0.1, 3), rng.normal(0.0, np.radians(0.1), 3)])

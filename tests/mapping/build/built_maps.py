@@ -9,21 +9,15 @@ from maxcon import Pose, Trajectory
 CELL = 0.06
 
 
-def by_index(point_map):
-    """The voxels of a map as a dictionary: index to (count, normal)."""
-    indices, counts, normals = point_map.all_voxels()
-    return {tuple(i): (int(c), n) for i, c, n in zip(indices.tolist(), counts, normals, strict=True)}
-
-
 def assert_same_voxels(one, other, *, normals_too=True):
-    (indices, counts, normals), (others, other_counts, other_normals) = (_sorted(each) for each in (one, other))
+    (indices, counts, normals), (others, other_counts, other_normals) = (sorted_voxels(each) for each in (one, other))
     np.testing.assert_array_equal(indices, others)
     np.testing.assert_array_equal(counts, other_counts)
     if normals_too:
         np.testing.assert_allclose(normals, other_normals, atol=1e-5)
 
 
-def _sorted(point_map):
+def sorted_voxels(point_map):
     """Indices, counts and normals of the voxels, in order of the indices."""
     indices, counts, normals = point_map.all_voxels()
     order = np.lexsort(indices.T)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Small point clouds, written to files of each kind."""
 
+from types import SimpleNamespace
+
 import laspy
 import numpy as np
 import pyproj
@@ -13,48 +15,33 @@ def write_npz(path, points, **arrays):
     return path
 
 
-def write_ply(path, points, normals=None, classes=None):
-    columns = [("x", "<f8"), ("y", "<f8"), ("z", "<f8")]
-    columns += [] if normals is None else [("nx", "<f8"), ("ny", "<f8"), ("nz", "<f8")]
-    rows = np.empty(len(points), columns)
-    for name, values in zip("xyz", points.T, strict=True):
-        rows[name] = values
+def write_ply(path, points, normals=None):
+    names, columns = "xyz", points.T
     if normals is not None:
-        for name, values in zip(("nx", "ny", "nz"), normals.T, strict=True):
-            rows[name] = values
-    header = [f"property double {name}" for name, _ in columns]
+        names, columns = ("x", "y", "z", "nx", "ny", "nz"), np.concatenate([columns, normals.T])
+    header = [f"property double {name}" for name in names]
     text = "\n".join(["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *header, "end_header"])
-    path.write_bytes(text.encode() + b"\n" + rows.tobytes())
+    path.write_bytes(text.encode() + b"\n" + columns.T.astype("<f8").tobytes())
     return path
 
 
-def write_las(path, points, classes=None, times=None, crs=None, scale=0.001):
+def write_las(path, points, classes=0, times=0.0, crs=None, scale=0.001):
     """Write LAS or LAZ; coordinates become whole multiples of `scale`."""
     header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales = [scale] * 3
-    header.offsets = np.floor(points.min(axis=0)) if len(points) else np.zeros(3)
+    header.scales, header.offsets = [scale] * 3, np.floor(points.min(axis=0))
     if crs is not None:
         header.add_crs(pyproj.CRS.from_user_input(crs))
     cloud = laspy.LasData(header)
     cloud.x, cloud.y, cloud.z = points.T
-    cloud.classification = np.zeros(len(points), np.uint8) if classes is None else classes
-    if times is not None:
-        cloud.gps_time = times
+    cloud.classification[:], cloud.gps_time[:] = classes, times
     cloud.write(str(path))
     return path
 
 
-class CloudFiles:
-    """Writers, as methods, for tests."""
-
-    npz = staticmethod(write_npz)
-    ply = staticmethod(write_ply)
-    las = staticmethod(write_las)
-
-
 @pytest.fixture(scope="session")
 def cloud_files():
-    return CloudFiles
+    """Writers of points."""
+    return SimpleNamespace(npz=write_npz, ply=write_ply, las=write_las)
 
 
 class Surfaces:

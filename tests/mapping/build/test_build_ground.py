@@ -82,6 +82,8 @@ def test_without_classes_the_ground_is_the_lowest_of_level_surfaces(tmp_path, cl
     for x, y in ((3.0, 3.0), (12.0, 5.0), (7.0, 3.9), (4.0, 8.4)):
         wanted = road(x, y) + 0.12 * (y > 7.0)
         assert abs(heights_at(tmp_path / "a.map", x, y) - wanted) < 0.04
+    build_map([cloud_files.npz(tmp_path / "c.npz", wall(3.0))], tmp_path / "c.map")
+    assert not PointMap.open(tmp_path / "c.map").has_ground
     # A car's roof without ground below is no ground.
     relative = street - ORIGIN
     is_under = (np.abs(relative[:, :2] - [7.0, 3.85]) < [2.1, 0.95]).all(axis=1)
@@ -97,8 +99,3 @@ def test_roofs_at_a_tiles_border_are_told_by_the_ground_beyond():
     assert np.isnan(ground_among({(0, 0): flat, (1, 0): roof}, (1, 0), 0.06).heights).all()
     assert ground_among({(1, 0): roof}, (1, 0), 0.06).n_heights == 128
     assert ground_among({(0, 0): flat, (1, 0): roof}, (0, 0), 0.06).n_heights == 256
-
-
-def test_walls_alone_have_no_ground(tmp_path, cloud_files):
-    build_map([cloud_files.npz(tmp_path / "a.npz", wall(3.0))], tmp_path / "a.map")
-    assert not PointMap.open(tmp_path / "a.map").has_ground

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import PointMap
-from maxcon.errors import ArrayError, FileError
-from maxcon.map.manifest import read_manifest
+from maxcon.errors import FileError
 from maxcon.mapping.build import MapOptions, build_map
 from maxcon.mapping.build.map_sigma import PLACE_EDGE, PlaceSample, aligned_sigma, compare_passes
 
@@ -55,12 +54,11 @@ def drawn(n_passes, sigma, n_walls=100, seed=0):
     return np.random.default_rng(seed).normal(0.0, sigma, (n_passes, n_walls, 3))
 
 
-@pytest.mark.parametrize(("n_passes", "sigma"), [(2, 0.005), (2, 0.04), (3, 0.02), (5, 0.04)])
+@pytest.mark.parametrize(("n_passes", "sigma"), [(2, 0.005), (3, 0.02), (5, 0.04)])
 def test_the_errors_of_passes_are_found(n_passes, sigma):
     street = Street(drawn(n_passes, sigma))
     found = street.compared()
-    assert found.is_enough
-    assert found.n_passes == n_passes
+    assert found.is_enough and found.n_passes == n_passes
     assert found.sigma_of_pass == pytest.approx(street.sigma_of_pass, rel=0.06)
     assert found.sigma_of_map == pytest.approx(found.sigma_of_pass / np.sqrt(n_passes), rel=0.03)
 
@@ -125,7 +123,10 @@ def sampled(points, times, most_points, n_parts=1):
 
 def test_all_points_are_kept_while_they_are_few_by_place_and_time():
     points, times = points_and_times()
+    times[::7] = np.nan  # they are left out
+    is_timed = np.isfinite(times)
     records = sampled(points, times, len(points), n_parts=7)
+    points, times = points[is_timed], times[is_timed]
     cubes = np.floor(points / PLACE_EDGE).astype(int)
     assert len(records) == len(points)
     assert len(np.unique(records["place"])) == len(np.unique(cubes, axis=0))
@@ -134,14 +135,10 @@ def test_all_points_are_kept_while_they_are_few_by_place_and_time():
     steps = np.diff(records["place"].astype(object))
     assert (steps >= 0).all()
     assert (np.diff(records["time"])[steps == 0] >= 0.0).all()
-    some = PlaceSample()
-    some.add(points[:0], times[:0])
-    some.add(points[:100], np.where(np.arange(100) < 40, np.nan, times[:100]))
-    assert len(some.records()) == 60
 
 
 @pytest.mark.parametrize("most_points", [12_000, 700])
-def test_of_many_points_those_of_some_places_are_kept_whole_and_evenly(most_points):
+def test_of_many_points_those_of_some_places_are_kept_whole_and_evenly_in_any_order(most_points):
     points, times = points_and_times()
     records = sampled(points, times, most_points)
     assert 0.3 * most_points < len(records) <= most_points
@@ -150,13 +147,8 @@ def test_of_many_points_those_of_some_places_are_kept_whole_and_evenly(most_poin
     np.testing.assert_array_equal(everything[kept], records)
     at = points[np.isin(times, records["time"])]
     assert abs(at[:, :2].mean(axis=0)).max() < 15.0 / np.sqrt(len(np.unique(records["place"])))
-
-
-def test_the_sample_depends_neither_on_parts_nor_on_their_order():
-    points, times = points_and_times()
-    wanted, order = sampled(points, times, 3_000), np.random.default_rng(1).permutation(len(points))
-    for n_parts in (1, 50):
-        np.testing.assert_array_equal(sampled(points[order], times[order], 3_000, n_parts), wanted)
+    order = np.random.default_rng(1).permutation(len(points))
+    np.testing.assert_array_equal(sampled(points[order], times[order], most_points, n_parts=50), records)
 
 
 def three_passes(surfaces, offsets=(0.0, 0.02, 0.04), n_walls=60):
@@ -171,12 +163,9 @@ def three_passes(surfaces, offsets=(0.0, 0.02, 0.04), n_walls=60):
     return np.concatenate(points), np.concatenate(times)
 
 
-@pytest.mark.parametrize("kind", ["npz", "laz"])
-def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files, surfaces, kind):
+def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files, surfaces):
     points, times = three_passes(surfaces)
-    writer = cloud_files.las if kind == "laz" else cloud_files.npz
-    build_map([writer(tmp_path / f"a.{kind}", points, times=times)], tmp_path / "a.map")
-    manifest = read_manifest(tmp_path / "a.map")
+    manifest = build_map([cloud_files.las(tmp_path / "a.laz", points, times=times)], tmp_path / "a.map")
     known = manifest.build["sigma"]
     assert (known["from"], known["n_passes"]) == ("passes", 3)
     assert known["n_places"] >= 50
@@ -186,20 +175,18 @@ def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files, surfaces, kin
 
 
 @pytest.mark.parametrize(
-    ("has_times", "options", "sigma", "said"),
+    ("has_times", "sigma", "wanted", "said"),
     [
-        (True, {}, 0.02, {"from": "assumed", "reason": "one pass only"}),
-        (False, {}, 0.02, {"from": "assumed", "reason": "no planes of points with times"}),
-        (True, {"sigma": 0.0}, 0.0, {"from": "given"}),
-        (True, {"sigma": 1}, 1.0, {"from": "given"}),
+        (True, None, 0.02, {"from": "assumed", "reason": "one pass only"}),
+        (False, None, 0.02, {"from": "assumed", "reason": "no planes of points with times"}),
+        (True, 0, 0.0, {"from": "given"}),
     ],
 )
-def test_what_leaves_it_assumed_or_given(tmp_path, cloud_files, surfaces, has_times, options, sigma, said):
+def test_what_leaves_it_assumed_or_given(tmp_path, cloud_files, surfaces, has_times, sigma, wanted, said):
     points, times = three_passes(surfaces, offsets=(0.0,), n_walls=10)
     path = cloud_files.npz(tmp_path / "a.npz", points, times=times if has_times else None)
-    manifest = build_map([path], tmp_path / "a.map", MapOptions(**options))
-    assert (manifest.sigma, manifest.build["sigma"]) == (sigma, said)
-    assert read_manifest(tmp_path / "a.map").sigma == sigma
+    manifest = build_map([path], tmp_path / "a.map", MapOptions(sigma=sigma))
+    assert (manifest.sigma, manifest.build["sigma"]) == (wanted, said)
 
 
 def test_alignments_beside_the_clouds(tmp_path, cloud_files, surfaces):
@@ -218,11 +205,3 @@ def test_alignments_beside_the_clouds(tmp_path, cloud_files, surfaces):
             aligned_sigma([path])
     file.unlink()
     assert aligned_sigma([path]) is None
-
-
-def test_a_sigma_that_is_none_is_refused():
-    for sigma in (-0.001, float("nan"), float("inf")):
-        with pytest.raises(ArrayError, match=r"Expected `sigma` of the map >= 0 m, got .*Leave it out"):
-            MapOptions(sigma=sigma)
-        with pytest.raises(ArrayError, match="Expected `sigma` of the map >= 0 m"):
-            PointMap.from_points(np.zeros((1, 3)), np.zeros((1, 3)), sigma=sigma)

@@ -4,7 +4,6 @@
 
 import sys
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -41,14 +40,10 @@ def street():
 
 @pytest.fixture
 def cloud(street, cloud_files, tmp_path):
-    return cloud_files.las(tmp_path / "street.laz", street[0], None, street[1])
+    return cloud_files.las(tmp_path / "street.laz", street[0], times=street[1])
 
 
-OPTIONS = {
-    "plain": MapOptions(classify="off"),
-    "classes found": MapOptions(classify="always"),
-    "classes kept": MapOptions(classify="always", drop=()),
-}
+OPTIONS = {"plain": MapOptions(classify="off"), "classes found": MapOptions(classify="always")}
 
 
 @pytest.fixture(scope="module", params=OPTIONS)
@@ -64,15 +59,6 @@ def test_two_workers_make_the_map_that_threads_make(cloud, options, tmp_path):
     n_points = PointMap.open(tmp_path / "workers.map").all_voxels()[1].sum()
     assert n_points == N_POINTS if options.classify == "off" else 0.4 * N_POINTS < n_points <= N_POINTS
     assert sorted(path.name for path in tmp_path.iterdir()) == ["street.laz", "threads.map", "workers.map"]
-
-
-@pytest.mark.clusters
-def test_thin_tiles_go_together(tmp_path, cloud_files):
-    points = np.random.default_rng(0).uniform(0.0, 700.0, (2000, 3)) * [1.0, 1.0, 0.01]
-    cloud = cloud_files.npz(tmp_path / "a.npz", points)
-    build_map([cloud], tmp_path / "threads.map")
-    build_map([cloud], tmp_path / "workers.map", engine=Engine(2))
-    assert files_of(tmp_path / "workers.map") == files_of(tmp_path / "threads.map")
 
 
 def kill_a_worker():
@@ -135,17 +121,13 @@ def test_every_step_may_be_done_twice_each_by_another_process_and_tiles_wait_in_
     assert not list(job.folder.glob("*.record"))
 
 
-def test_a_map_without_one_of_its_tiles_is_refused():
-    job = TileJob(Path(), CELL, has_normals=False, is_signed=False)
+def test_a_map_without_one_of_its_tiles_is_refused_and_a_folder_that_a_worker_does_not_see(tmp_path):
+    job = TileJob(tmp_path / "no", CELL, has_normals=False, is_signed=False)
     task = TileTask(TileStep.MAKE, ((3, -4), (5, 6)))
     one, _ = job.split(task)
     assert one == TileTask(TileStep.MAKE, ((3, -4),))
     with pytest.raises(MapError, match=r"Expected to make all tiles of the map, but of tile \(3, -4\) it crashes"):
         job.lost(one, "it crashes")
-
-
-def test_a_worker_that_does_not_see_the_folder_says_so(tmp_path):
-    job = TileJob(tmp_path / "no", CELL, has_normals=False, is_signed=False)
     with pytest.raises(MapError, match=r"Expected all workers to see .*no, got one on .* that does not"):
         job.open()
 

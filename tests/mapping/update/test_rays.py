@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import PointMap
-from maxcon.map.tile import VoxelLookup
-from maxcon.mapping.update.evidence import is_hit, is_miss
+from maxcon.mapping.update.evidence import CANDIDATE, Surfaces, SurfacesInReach, initial_evidence, is_hit, is_miss
+from maxcon.mapping.update.observations import UpdateOptions
 from maxcon.mapping.update.ray_kernels import add_observation, are_far_from_voxels, hide_known_surfaces, sum_around
 
 CELL = 0.1
@@ -76,31 +76,22 @@ def random_map(rng, n=400):
     return [point_map.tile(key) for key in sorted(point_map.tile_keys)]
 
 
-class Kept:
-    """Evidence of some tiles, as the kernel takes it."""
+def kept(tiles):
+    """Evidence of some tiles before the first observation."""
+    options = UpdateOptions()
+    return SurfacesInReach([Surfaces(t, initial_evidence(np.full(len(t), CANDIDATE), options)) for t in tiles])
 
-    def __init__(self, tiles):
-        self.lookup = VoxelLookup.of(tiles)
-        self.table = self.lookup.rows, self.lookup.grid, np.array(self.lookup.corner)
-        sizes = [len(tile) for tile in tiles]
-        self.offsets = np.concatenate([[0, 0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-        n = sum(sizes)
-        self.log_odds = np.zeros(n, np.float32)
-        self.n_hits, self.n_misses = np.zeros(n, np.int32), np.zeros(n, np.int32)
-        self.hit_in, self.seen_in = np.full((n, 2), -1, np.int32), np.full(n, -1, np.int32)
 
-    def add(self, origin, ends, look, margins, reach=4.0):
-        add_observation(
-            origin, ends, look, CELL, margins, 0.2, reach, WEIGHTS, *self.table, self.offsets, self.log_odds,
-            self.n_hits, self.n_misses, self.hit_in, self.seen_in,
-        )  # fmt: skip
+def add(within, origin, ends, look, margins, reach=4.0):
+    evidence = [within.evidence[name] for name in ("log_odds", "n_hits", "n_misses", "hit_in")]
+    add_observation(origin, ends, look, CELL, margins, 0.2, reach, WEIGHTS, *within.table, *evidence, within.seen_in)
 
 
 @given(st.integers(0, 2**32 - 1))
 def test_the_compiled_walk_is_the_definition(seed):
     rng = np.random.default_rng(seed)
     tiles = random_map(rng)
-    kept = Kept(tiles)
+    within = kept(tiles)
     voxels = np.concatenate([tile.voxels for tile in tiles])
     means = np.concatenate([tile.mean_points(CELL) for tile in tiles])
     normals = np.concatenate([tile.normals for tile in tiles]).astype(np.float64)
@@ -112,7 +103,7 @@ def test_the_compiled_walk_is_the_definition(seed):
         origin = rng.uniform(-3.0, 3.0, 3)
         ends = rng.uniform(-4.0, 4.0, (60, 3))
         margins = rng.uniform(0.02, 0.2, len(ends))
-        kept.add(origin, ends, look, margins)
+        add(within, origin, ends, look, margins)
         near = [end for end in ends if ((end - origin) ** 2).sum() <= 16.0]
         met = np.any([is_hit(end, voxels, CELL) for end in near] or [np.zeros(len(voxels), bool)], axis=0)
         rays = zip(ends, margins, strict=True)
@@ -123,35 +114,34 @@ def test_the_compiled_walk_is_the_definition(seed):
         log_odds = np.clip(log_odds + change, np.float32(lowest), np.float32(highest))
         hit_in[met & (hit_in[:, 0] < 0), 0] = look
         hit_in[met, 1] = look
-    np.testing.assert_array_equal(kept.n_hits, n_hits)
-    np.testing.assert_array_equal(kept.n_misses, n_misses)
-    np.testing.assert_array_equal(kept.log_odds, log_odds)
-    np.testing.assert_array_equal(kept.hit_in, hit_in)
+    wanted = {"n_hits": n_hits, "n_misses": n_misses, "log_odds": log_odds, "hit_in": hit_in}
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(within.evidence[name], values, err_msg=name)
     assert n_misses.sum() > 0
 
 
 def test_an_observation_counts_once_however_many_rays_it_has():
     tiles = random_map(np.random.default_rng(1))
-    kept = Kept(tiles)
+    within = kept(tiles)
     end = tiles[0].mean_points(CELL)[:1]
-    kept.add(np.array([5.0, 5.0, 5.0]), np.repeat(end, 10, axis=0), 0, np.full(10, 0.1), reach=50.0)
-    assert kept.n_hits.max() == 1
+    add(within, np.array([5.0, 5.0, 5.0]), np.repeat(end, 10, axis=0), 0, np.full(10, 0.1), reach=50.0)
+    assert within.evidence["n_hits"].max() == 1
 
 
 @given(st.integers(0, 2**32 - 1))
 def test_points_far_from_voxels_and_sums_around(seed):
     rng = np.random.default_rng(seed)
     tiles = random_map(rng)
-    kept = Kept(tiles)
+    within = kept(tiles)
     voxels = np.concatenate([tile.voxels for tile in tiles])
     points = rng.uniform(-4.0, 4.0, (50, 3))
     is_far = np.empty(len(points), bool)
-    are_far_from_voxels(points, 2, CELL, *kept.table, is_far)
+    are_far_from_voxels(points, 2, CELL, *within.table[:3], is_far)
     apart = np.abs(np.floor(points / CELL).astype(int)[:, None] - voxels).max(axis=2)
     np.testing.assert_array_equal(is_far, apart.min(axis=1) > 2)
     values = rng.integers(0, 5, (len(voxels), 2)).astype(np.float32)
     sums = np.zeros((10, 2))
-    sum_around(voxels[:10], 3, *kept.table, kept.offsets, values, sums)
+    sum_around(voxels[:10], 3, *within.table, values, sums)
     is_near = np.abs(voxels[:10, None] - voxels).max(axis=2) <= 3
     np.testing.assert_array_equal(sums, is_near.astype(float) @ values)
 
@@ -159,10 +149,10 @@ def test_points_far_from_voxels_and_sums_around(seed):
 def test_what_hides_a_wall_or_the_ground_is_told_from_what_hides_nothing():
     wall = np.stack(np.meshgrid(np.arange(-2.0, 2.0, 0.05), [4.05], np.arange(0.0, 2.0, 0.05)), -1).reshape(-1, 3)
     point_map = PointMap.from_points(wall, np.tile([0.0, -1.0, 0.0], (len(wall), 1)), CELL)
-    kept = Kept([point_map.tile(key) for key in sorted(point_map.tile_keys)])
+    within = kept([point_map.tile(key) for key in sorted(point_map.tile_keys)])
     ends = np.array([[0.0, 2.0, 1.0], [0.0, 3.8, 1.0], [0.0, -2.0, 1.0], [2.0, 0.0, 0.5]])
     origin, is_hiding = np.array([0.0, 0.0, 1.0]), np.empty(4, bool)
     ground = np.full((1, 40, 40), np.nan, np.float32)
     ground[0, :, 24:] = 0.0  # of cells of 0.5 m from x = 2 m on
-    hide_known_surfaces(origin, ends, 0.5, 6.0, CELL, *kept.table, ground, np.array([-20, -20]), 0.5, is_hiding)
+    hide_known_surfaces(origin, ends, 0.5, 6.0, CELL, *within.table[:3], ground, np.array([-20, -20]), 0.5, is_hiding)
     assert is_hiding.tolist() == [True, False, False, True]  # before the wall; at it; away from it; over the ground

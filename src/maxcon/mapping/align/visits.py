@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,8 +158,7 @@ def _visit(number: int, time: float, inside: NDArray[np.float32]) -> Visit | Non
     return Visit(number, time, *(array.astype(np.float32) for array in arrays))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Constraint:
+class Constraint(NamedTuple):
     """The measured pose of one visit to a place relative to another: an edge of the pose graph."""
 
     place: NDArray[np.float64]  # (3,): Middle of the place, global, m

@@ -130,6 +130,15 @@ def classes_of(tile: VoxelTile) -> NDArray[np.uint8]:
     return np.full(len(tile), SurfaceClass.KNOWN, np.uint8) if tile.classes is None else tile.classes
 
 
+def initial_evidence(classes: NDArray[np.uint8], options: UpdateOptions) -> Evidence:
+    """Evidence of voxels before the first observation: log-odds by their classes (or `CANDIDATE`)."""
+    start, n = np.zeros(256, np.float32), len(classes)
+    start[[SurfaceClass.KNOWN, SurfaceClass.NEW]] = options.start
+    start[SurfaceClass.GONE] = -options.start
+    n_hits, n_misses, hit_in = np.zeros(n, np.int32), np.zeros(n, np.int32), np.full((n, 2), -1, np.int32)
+    return {"log_odds": start[classes], "n_hits": n_hits, "n_misses": n_misses, "hit_in": hit_in}
+
+
 class SurfaceFiles:
     """The tiles that an update judges, on disk until they are asked for."""
 
@@ -138,15 +147,10 @@ class SurfaceFiles:
         self.n_voxels: dict[TileKey, int] = {}
 
     def add(self, tile: VoxelTile, options: UpdateOptions) -> None:
-        """Take a tile in, with the evidence before the first observation: log-odds by classes."""
-        classes, start, n = classes_of(tile), np.zeros(256, np.float32), len(tile)
-        start[[SurfaceClass.KNOWN, SurfaceClass.NEW]] = options.start
-        start[SurfaceClass.GONE] = -options.start
-        counts, hit_in = np.zeros(n, np.int32), np.full((n, 2), -1, np.int32)
-        self.n_voxels[tile.key] = n
-        voxels = {name: getattr(tile, name) for name in VOXEL_ARRAYS} | {"classes": classes}
-        self.arrays.put(tile.key, "voxels", **voxels)
-        self.save(tile.key, {"log_odds": start[classes], "n_hits": counts, "n_misses": counts, "hit_in": hit_in})
+        """Take a tile in, with the evidence before the first observation."""
+        self.n_voxels[tile.key] = len(tile)
+        self.arrays.put(tile.key, "voxels", **{name: getattr(tile, name) for name in VOXEL_ARRAYS})
+        self.save(tile.key, initial_evidence(classes_of(tile), options))
 
     def save(self, key: TileKey, evidence: Evidence) -> None:
         """Write the evidence of a tile."""
