@@ -125,7 +125,7 @@ def _prior(
 ) -> "tuple[Trajectory, str, tuple[str, ...]]":
     """The prior of the scanner; what it is in words, where that is not plain; rows that are no poses."""
     from maxcon.io.geographic_priors import is_geographic
-    from maxcon.io.recordings.recording import CAPTURE_SUFFIX, is_recording
+    from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.trajectories import read_prior
 
     prior = entry.prior
@@ -192,8 +192,8 @@ def _of_sensor(trajectory: "Trajectory", mounting: "Mounting | None", *, has_ori
 
 
 def _odometry(odometry: Path | None, options: RecordingOptions, sensor_frame: str) -> "tuple[Trajectory | None, str]":
+    from maxcon.io.recordings.opening import is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
-    from maxcon.io.recordings.recording import is_recording
     from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_trajectory
 

@@ -13,7 +13,7 @@ import pytest
 
 from maxcon.errors import FileError, OptionError
 from maxcon.io.recordings.clouds import open_clouds
-from maxcon.io.recordings.recording import open_recording, unpacked_records
+from maxcon.io.recordings.opening import open_recording, unpacked_records
 from maxcon.io.scans import open_scans
 from maxcon.lab.simulation.recordings import cloud_message
 from recorded_drives import NAMES, START, MadeScans, made_prior, record_drive, write_entries
@@ -140,7 +140,7 @@ def _text_bag(path, topic, text, compression=None):
 def test_chunks_that_unpack_hugely_are_refused(tmp_path, monkeypatch):
     from mcap.records import Chunk
 
-    monkeypatch.setattr("maxcon.io.recordings.recording.LARGEST_CHUNK", 2**20)
+    monkeypatch.setattr("maxcon.io.recordings.opening.LARGEST_CHUNK", 2**20)
     for compression in ("BZ2", "LZ4"):
         path = _text_bag(tmp_path / f"{compression}.bag", "/text", "\0" * 2**22, compression)
         assert path.stat().st_size < 2**17

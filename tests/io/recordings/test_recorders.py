@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from maxcon.errors import MaxconError
 from maxcon.io.recordings.clouds import open_clouds
+from maxcon.io.recordings.opening import is_recording
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
-from maxcon.io.recordings.recording import is_recording
 from maxcon.io.scans import open_scans
 from maxcon.io.scans.folder import read_scan_file
 
@@ -28,11 +28,11 @@ def recorders(real_data):
 def test_every_recording_is_read_or_refused_in_a_line(recorders):
     """The words expected of each; numbers of scans where it is read."""
     expected = {
-        "512x10_raw.bag": "packets, no point cloud: /os_node0/imu_packets (ouster_ros/msg/PacketMsg)",
+        "512x10_raw.bag": "got /os_node0/imu_packets (ouster_ros/msg/PacketMsg)",
         "embag_test.bag": 5,
-        "example-bz2.bag": "Expected a topic of type sensor_msgs/msg/PointCloud2",
-        "example-lz4.bag": "Expected a topic of type sensor_msgs/msg/PointCloud2",
-        "example.bag": "Expected a topic of type sensor_msgs/msg/PointCloud2",
+        "example-bz2.bag": "Expected point clouds (PointCloud2, VelodyneScan)",
+        "example-lz4.bag": "Expected point clouds (PointCloud2, VelodyneScan)",
+        "example.bag": "Expected point clouds (PointCloud2, VelodyneScan)",
         "rms_1xxx_lms_1xx_movement_off.bag": r"/cloud_radar_track",
         "1673400471837873222": 4,
         "1673400471837873222_0.db3": 4,

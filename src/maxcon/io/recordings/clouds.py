@@ -7,7 +7,7 @@ from __future__ import annotations
 import io
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -16,9 +16,10 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from maxcon.errors import FileError, MissingExtraError, OptionError
+from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.point_times import PointTimes
+from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
 from maxcon.io.recordings.point_cloud2 import (
     FORMATS,
     CloudPoints,
@@ -28,15 +29,13 @@ from maxcon.io.recordings.point_cloud2 import (
     decode_times,
 )
 from maxcon.io.recordings.recording import (
-    CAPTURE_SUFFIX,
     Message,
     Recording,
     Topic,
     as_extra_missing,
+    choose_topic,
     decode_message,
-    existing_file,
     frame_of,
-    open_recording,
     stamp_of,
 )
 from maxcon.io.text import printable
@@ -91,48 +90,16 @@ def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> Cloud
         return VelodyneCapture(existing_file(path))
     recording = open_recording(path)
     try:
-        return TopicOfClouds(recording, chosen_topic(recording, topic))
+        return TopicOfClouds(recording, topic_of_clouds(recording, topic))
     except BaseException:
         recording.close()
         raise
 
 
-def chosen_topic(recording: Recording, name: str | None) -> Topic:
-    """Return the topic with the clouds: the one asked for (OptionError if it has none), or the only one (FileError)."""
-    clouds = recording.of_type(CLOUD, VELODYNE)
-    if name is not None:
-        found = [topic for topic in recording.topics if topic.name == name]
-        if found and found[0] in clouds:
-            return found[0]
-        got = f"messages of type {printable(found[0].type)}" if found else "no such topic"
-        raise OptionError(
-            f"Expected point clouds in the topic {name} of {recording.path}, got {got}. Ask for"
-            f" {_listed(clouds) or 'none: there is no cloud in it'}."
-        )
-    plain = [topic for topic in clouds if topic.type == CLOUD]
-    for topics in (clouds, plain):  # packets of the scanner may have been recorded beside its cloud
-        if len(topics) == 1:
-            return topics[0]
-    if clouds:
-        raise FileError(
-            f"Expected one point cloud in {recording.path}, got {_listed(clouds)}. Choose one with --topic."
-        )
-    packets = [topic for topic in recording.topics if "packet" in f"{topic.name}{topic.type}".lower()]
-    if packets:
-        raise FileError(
-            f"Expected a point cloud in {recording.path}, got packets, no point cloud: {_listed(packets)}. Record the"
-            " cloud of the scanner's driver, or play these packets through it."
-        )
-    raise FileError(
-        f"Expected a topic of type {CLOUD} in {recording.path}, got {_listed(recording.topics) or 'no messages'}. Is it"
-        " the right recording?"
-    )
-
-
-def _listed(topics: Sequence[Topic]) -> str:
-    """Names and types, at most six of them."""
-    words = ", ".join(topic.words for topic in topics[:6])
-    return f"{words} and {len(topics) - 6} more" if len(topics) > 6 else words
+def topic_of_clouds(recording: Recording, name: str | None) -> Topic:
+    """Return the topic with the clouds; packets of the scanner may have been recorded beside it."""
+    advice = "If these are packets, record the cloud of the scanner's driver."
+    return choose_topic(recording, name, (CLOUD, VELODYNE), CLOUD, "point clouds", "--topic", lambda: advice)
 
 
 class TopicOfClouds:

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
+from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Fixes, Heights, Orientations, ReceiverLog, checked_trajectory, is_place, place_fixes
-from maxcon.io.recordings.recording import Recording, Topic, frame_name, frame_of, open_recording
+from maxcon.io.recordings.opening import open_recording
+from maxcon.io.recordings.recording import Recording, Topic, choose_topic, frame_name, frame_of
 from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree, contents, numbers_of
 from maxcon.io.text import printable
 from maxcon.scan.mounting import sensor_trajectory
@@ -124,34 +125,16 @@ def _of_sensor(recording: Recording, poses: RecordedPoses, sensor_frame: str) ->
 
 
 def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Topic:
-    kinds = tuple(POSES) if is_odometry else (FIX, *POSES)
     option = "--odometry" if is_odometry else "--prior"
-    found = recording.of_type(*kinds)
-    listed = ", ".join(topic.words for topic in found[:6])
-    if name is not None:
-        named = [topic for topic in found if topic.name == name]
-        if not named:
-            got = next((printable(topic.type) for topic in recording.topics if topic.name == name), "no such topic")
-            raise OptionError(
-                f"Expected poses in the topic {name} of {recording.path}, got {got}. Ask for"
-                f" {listed or 'none: there are none in it'}."
-            )
-        return named[0]
-    first = [topic for topic in found if topic.type == (ODOMETRY if is_odometry else FIX)]
-    for topics in (first, found):
-        if len(topics) == 1:
-            return topics[0]
-    if found:
-        raise FileError(
-            f"Expected one topic of poses in {recording.path}, got {listed}. Choose one with {option}-topic."
-        )
-    frames = TransformTree.read(recording).frames if recording.of_type(*TRANSFORMS) else ()
-    of_frames = printable(", ".join(frames[:12]))
-    raise FileError(
-        f"Expected poses ({', '.join(kind.rpartition('/')[2] for kind in kinds)}) in {recording.path}, got none"
-        + (f", but transforms of {of_frames}. Choose two frames, {option}-frames FIXED:MOVING, or" if frames else ".")
-        + f" give a file: {option}."
-    )
+    kinds, preferred = (tuple(POSES), ODOMETRY) if is_odometry else ((FIX, *POSES), FIX)
+
+    def advice() -> str:
+        frames = TransformTree.read(recording).frames if recording.of_type(*TRANSFORMS) else ()
+        listed = printable(", ".join(frames[:12]))
+        of_frames = f" Or choose two of the frames {listed}: {option}-frames FIXED:MOVING." if frames else ""
+        return f"Give a file: {option}.{of_frames}"
+
+    return choose_topic(recording, name, kinds, preferred, "poses", f"{option}-topic", advice)
 
 
 def _table(rows: dict[float, list[float]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -20,11 +20,12 @@ from maxcon.io.recordings.clouds import (
     VELODYNE,
     RecordedCloud,
     TopicOfClouds,
-    chosen_topic,
     open_clouds,
+    topic_of_clouds,
     topics_of_capture,
 )
-from maxcon.io.recordings.recording import CAPTURE_SUFFIX, Topic, is_recording, open_recording
+from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording, open_recording
+from maxcon.io.recordings.recording import Topic
 from maxcon.io.scans.folder import ScanFolder, open_scan_folder
 from maxcon.scan import Scan
 
@@ -73,7 +74,7 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
             scanner = _described(source.label, n_turns, (partial(_seen, cloud) for cloud in source.clouds()))
         return RecordingDescription(topics_of_capture(Path(path)), (), (scanner,))
     with open_recording(path) as recording:
-        chosen = recording.of_type(CLOUD, VELODYNE) if topic is None else [chosen_topic(recording, topic)]
+        chosen = recording.of_type(CLOUD, VELODYNE) if topic is None else [topic_of_clouds(recording, topic)]
         scanners = []
         for found in chosen:
             clouds = TopicOfClouds(recording, found).clouds()

@@ -155,8 +155,8 @@ def open_scans(
     has no cloud, or several and none is asked for; MissingExtraError if it is a recording, and the extra `recordings`
     is not installed; OptionError if times are given for a recording, or a topic for a folder.
     """
+    from maxcon.io.recordings.opening import is_recording
     from maxcon.io.recordings.recorded_scans import RecordedScans
-    from maxcon.io.recordings.recording import is_recording
 
     if not is_recording(path):
         if topic is not None or at_stamp:
