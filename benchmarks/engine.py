@@ -26,7 +26,7 @@ from pathlib import Path
 
 import pyarrow
 
-from maxcon.drive.poses_dataset import PosesDataset
+from maxcon.drive.poses_table import PosesDataset
 from maxcon.lab.study import Study
 
 MAXCON = [sys.executable, "-c", "from maxcon.cli import main; main()"]

@@ -23,7 +23,7 @@ from scene import header
 
 import maxcon
 from maxcon._system.atomic import atomic_file, make_folder
-from maxcon.drive.poses_dataset import describe
+from maxcon._system.resumable import describe
 from maxcon.errors import MaxconError, OptionError
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.report.prior_error import plot_prior_error

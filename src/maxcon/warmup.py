@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon._system.compiled import on_compilation
+from maxcon._system.kernel_cache import on_compilation
 from maxcon.geometry import Pose
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap

@@ -9,15 +9,17 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from maxcon._system import cluster
-from maxcon._system.engine import Engine
-from maxcon._system.job import Opening, close_jobs, do_task
+from maxcon._system import cluster, engine
+from maxcon._system.engine import Engine, Opening, close_jobs, do_task, in_order_of, ordered_map
 from maxcon.errors import ArrayError, MaxconError, MissingExtraError, OptionError
 
 if sys.platform == "win32":
@@ -35,7 +37,6 @@ class Squares:
     folder: Path
     deadly: tuple[int, ...] = ()
     wrong: tuple[int, ...] = ()
-    name: str = "squares"
 
     def open(self):
         (self.folder / f"opened-{os.getpid()}-{time.monotonic_ns()}").touch()
@@ -62,10 +63,10 @@ class Squares:
         return [int(path.name.split("-")[1]) for path in self.folder.glob("opened-*")]
 
 
-def squares(engine, job, n_kills=0):
+def squares(where, job, n_kills=0):
     """What comes of the tasks, while so many workers are killed."""
     found = {}
-    for _, pairs in engine.run(job, TASKS, len(TASKS)):
+    for _, pairs in where.run(job, TASKS, len(TASKS)):
         found.update(pairs)
         if n_kills and (victims := [pid for pid in job.processes() if is_alive(pid)]):
             os.kill(victims[n_kills % len(victims)], signal.SIGKILL)
@@ -74,8 +75,8 @@ def squares(engine, job, n_kills=0):
     return found
 
 
-def assert_only_seven_is_lost(engine, folder):
-    found = squares(engine, Squares(folder, deadly=(7,)))
+def assert_only_seven_is_lost(where, folder):
+    found = squares(where, Squares(folder, deadly=(7,)))
     assert "each worker that was given it ended" in found.pop(7)
     assert found == {number: square for number, square in RIGHT.items() if number != 7}
 
@@ -186,23 +187,55 @@ def test_a_job_is_opened_once_for_all_its_tasks_and_closed(tmp_path):
 
 
 def test_options_that_contradict_each_other_are_refused(monkeypatch):
-    with pytest.raises(OptionError, match="Leave out --workers or --scheduler"):
-        Engine(2, "tcp://127.0.0.1:8786")
-    with pytest.raises(OptionError, match="at least one process, got 0"):
-        Engine(0)
-    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
+    for n_workers, scheduler in ((2, "tcp://127.0.0.1:8786"), (0, None)):
+        with pytest.raises(OptionError, match="either at least one worker on this machine or the address"):
+            Engine(n_workers, scheduler)
+    monkeypatch.setattr(engine, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[engine\]'"):
         Engine(None, "tcp://127.0.0.1:8786")
+
+
+# --- in order --------------------------------------------------------------------------------------------------
+
+
+@given(st.permutations(range(12)))
+def test_results_that_come_in_any_order_are_put_in_order_as_soon_as_they_can(order):
+    asked = []
+
+    def coming():
+        for number in order:
+            asked.append(number)
+            yield number, number**2
+        asked.append(None)
+
+    for number, result in enumerate(in_order_of(range(12), coming())):
+        assert result == number**2
+        assert len(asked) == 1 + max(map(order.index, range(number + 1)))
+    assert asked[-1] is None
+
+
+@given(st.integers(0, 30), st.integers(1, 5), st.integers(1, 9))
+def test_threads_yield_in_order_and_begin_no_more_than_they_may(n, n_threads, n_ahead):
+    begun = []
+
+    def work(number):
+        begun.append(number)
+        return -number
+
+    with ThreadPoolExecutor(n_threads) as pool:
+        for number, result in enumerate(ordered_map(pool, work, range(n), n_ahead)):
+            assert result == -number
+            assert len(begun) <= number + n_ahead
+    assert sorted(begun) == list(range(n))
 
 
 # --- a cluster that somebody has started ---------------------------------------------------------------------
 
 
 @pytest.fixture
-def dask(monkeypatch):
+def dask():
     """Start a cluster of so many workers; what is waited for is waited for shortly."""
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(cluster, "TOLD_AFTER", 0.0)
     clusters = []
 
     def start(n_workers):
@@ -222,10 +255,10 @@ def dask(monkeypatch):
 @pytest.mark.clusters
 def test_workers_of_a_cluster_do_the_same_and_are_left_as_they_were(tmp_path, dask):
     """Killed and wrong: two jobs, one after the other."""
-    engine = Engine(scheduler=dask(2).scheduler_address)
-    assert squares(engine, Squares(tmp_path), n_kills=1) == RIGHT  # the second might begin just now
+    where = Engine(scheduler=dask(2).scheduler_address)
+    assert squares(where, Squares(tmp_path), n_kills=1) == RIGHT  # the second might begin just now
     with pytest.raises(ArrayError, match="Expected another number, got 10"):
-        squares(engine, Squares(tmp_path, wrong=(10,)))
+        squares(where, Squares(tmp_path, wrong=(10,)))
 
 
 @contextmanager
@@ -266,15 +299,14 @@ def test_a_scheduler_that_is_not_there_or_has_no_workers_is_refused(tmp_path, da
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        silent, lines = f"tcp://127.0.0.1:{taken.getsockname()[1]}", []
+        silent = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
         for address in ("nonsense://here", "tls://127.0.0.1:1", "tcp://a..b:8786", f"tcp://{'x' * 70}:1", silent):
-            with pytest.raises(OptionError, match="Expected a dask scheduler at"):
-                squares(Engine(scheduler=address, warn=lines.append), Squares(tmp_path))
-    assert lines[-1] == f"waiting up to 1 s for a scheduler at {silent}"
-    empty = dask(0).scheduler_address
-    with pytest.raises(OptionError, match=r"Expected workers at tcp.*but there is none after 1 s"):
+            with pytest.raises(OptionError, match="Expected a dask scheduler with workers at"):
+                squares(Engine(scheduler=address), Squares(tmp_path))
+    empty, lines = dask(0).scheduler_address, []
+    with pytest.raises(OptionError, match="Expected a dask scheduler with workers at tcp"):
         squares(Engine(scheduler=empty, warn=lines.append), Squares(tmp_path))
-    assert lines[-1] == f"waiting up to 1 s for a worker at {empty}"
+    assert lines == [f"waiting up to 1 s for a worker at {empty}"]
 
 
 @pytest.mark.clusters

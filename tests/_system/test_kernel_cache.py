@@ -9,8 +9,7 @@ import sys
 import pytest
 
 from maxcon._system import kernel_cache
-from maxcon._system.compiled import check_code_folder
-from maxcon._system.kernel_cache import content_of_kernels
+from maxcon._system.kernel_cache import checked_code_folder, content_of_kernels
 from maxcon.errors import FileError
 
 FILES = {
@@ -71,7 +70,7 @@ def test_no_folder_at_all_is_refused_by_a_warm_up(monkeypatch, tmp_path):
     monkeypatch.setattr(kernel_cache, "code_folder", kernel_cache.code_folder.__wrapped__)
     assert kernel_cache.code_folder() is None
     with pytest.raises(FileError, match=r"into .*cache, which NUMBA_CACHE_DIR names"):
-        check_code_folder()
+        checked_code_folder()
 
 
 def test_every_kernel_is_kept_so():

@@ -7,59 +7,45 @@ import os
 import pytest
 
 from maxcon._system.regular_file import open_regular
-from maxcon.errors import FileError, MaxconError
+from maxcon.errors import MaxconError
 from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
 from maxcon.io.scans import open_scans
 from maxcon.io.text import SCAN_SUFFIXES
 from maxcon.io.trajectories import read_prior, read_trajectory
 
 
-@pytest.fixture
-def fifo(tmp_path):
-    def make(name):
-        os.mkfifo(tmp_path / name)
-        return tmp_path / name
-
-    return make
-
-
-def test_a_file_is_opened(tmp_path):
+def test_a_file_is_opened_and_nothing_else(tmp_path):
     (tmp_path / "a").write_bytes(b"content")
     (tmp_path / "link").symlink_to(tmp_path / "a")
     for name in ("a", "link"):
         with open_regular(tmp_path / name) as file:
             assert file.read() == b"content"
-
-
-def test_what_is_no_file_is_not(tmp_path, fifo):
-    with pytest.raises(IsADirectoryError):
-        open_regular(tmp_path)
-    with pytest.raises(FileNotFoundError):
-        open_regular(tmp_path / "missing")
-    with pytest.raises(OSError, match="a FIFO, no file"):
-        open_regular(fifo("a"))
+    os.mkfifo(tmp_path / "fifo")
+    for path, words in ((tmp_path, "directory"), (tmp_path / "missing", "No such"), (tmp_path / "fifo", "a FIFO, no")):
+        with pytest.raises(OSError, match=words):
+            open_regular(path)
 
 
 def read_scan(path):
     return open_scans(path).read(0)
 
 
-READERS = [*((open_cloud, suffix) for suffix in CLOUD_SUFFIXES), *((read_scan, suffix) for suffix in SCAN_SUFFIXES)]
-
-
-@pytest.mark.parametrize(("read", "suffix"), READERS)
-def test_a_fifo_as_cloud_or_scan(fifo, read, suffix):
-    with pytest.raises(FileError, match="a FIFO"):
-        read(fifo(f"1{suffix}"))
-
-
-@pytest.mark.parametrize("suffix", ["txt", "tum", "csv"])
-def test_a_fifo_as_trajectory_or_times(fifo, suffix):
-    path = fifo(f"a.{suffix}")
-    for read in (read_prior, read_trajectory):
-        with pytest.raises(FileError, match="a FIFO, no file"):
-            read(path)
+def read_times(path):
     (path.parent / "scans").mkdir()
     (path.parent / "scans" / "1.bin").write_bytes(bytes(16))
-    with pytest.raises(MaxconError, match="a FIFO, no file"):
-        open_scans(path.parent / "scans", path)
+    open_scans(path.parent / "scans", path)
+
+
+@pytest.mark.parametrize(
+    ("read", "suffix"),
+    [
+        *((open_cloud, suffix) for suffix in CLOUD_SUFFIXES),
+        *((read_scan, suffix) for suffix in SCAN_SUFFIXES),
+        *((read, suffix) for read in (read_prior, read_trajectory, read_times) for suffix in (".txt", ".tum", ".csv")),
+    ],
+)
+def test_a_fifo_as_cloud_scan_trajectory_or_times(tmp_path, read, suffix):
+    path = tmp_path / f"1{suffix}"
+    os.mkfifo(path)
+    with pytest.raises(MaxconError, match="a FIFO"):
+        read(path)

@@ -66,7 +66,7 @@ def test_heights_are_told_apart(localize, refused, table, tmp_path):
     refused(localize(prior=high), "heights above the geoid", "Are the map's heights ellipsoidal")
     refused(localize("--geoid-height", "46", prior=table("orthometric_height")), "Leave it out")
     refused(localize(prior=table("altitude")), "'altitude', which may be either")
-    refused(localize("--prior-topic", "/fix", prior=table()), "--prior-topic with priors of a recording")
+    refused(localize("--prior-topic", "/fix", prior=table()), "is no recording, or --prior-topic")
     assert not (tmp_path / "poses.csv").exists()
 
 

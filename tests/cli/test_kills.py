@@ -16,17 +16,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import laspy
 import numpy as np
 import pytest
 
-from maxcon.drive.poses_dataset import PosesDataset
+from maxcon.drive.poses_table import PosesDataset
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.demo import DEMO_NAMES
-from maxcon.lab.study import Study
 from s3_buckets import bucket_on, s3_server_here
 
 pytestmark = pytest.mark.kills
@@ -105,9 +102,6 @@ WRITERS = {
         lambda drive, folder: ("simulate", "--epochs", "2", folder / "out"), OVERWRITE,
         lambda path, maxcon: len(list(Dataset.open(path).scans.glob("*.bin"))) == 2, n_rounds=FEW,
     ),
-    "export geojson": Writer(
-        export_to("out.geojson"), OVERWRITE, lambda path, maxcon: len(json.loads(path.read_text())["features"]) == 4
-    ),
     "export gpkg": Writer(export_to("out.gpkg"), OVERWRITE, is_whole_geopackage, package="pyogrio"),
     "export mcap": Writer(export_to("out.mcap"), OVERWRITE, is_whole_mcap, package="mcap"),
     "export laz": Writer(
@@ -123,26 +117,17 @@ WRITERS = {
 # --- inputs, and how to kill -------------------------------------------------------------------------------
 
 
-class Written(NamedTuple):
-    """A folder with the poses and a study of a drive, and how long the study took undisturbed, s."""
-
-    folder: Path
-    seconds_of_study: float
-
-
 @pytest.fixture(scope="module")
-def written(tmp_path_factory, drive, maxcon_in_process_of_its_own):
+def folder_of_kills(tmp_path_factory, drive, maxcon_in_process_of_its_own):
     """Poses and a study of the drive, made undisturbed; and two rounds to align."""
     folder = tmp_path_factory.mktemp("kills")
-    made = maxcon_in_process_of_its_own(*localize(drive, folder / "poses.csv"))
-    assert made.code == 0, made.err
-    began = time.monotonic()
-    made = maxcon_in_process_of_its_own(*study(drive.dataset, folder / "small.study"))
-    assert made.code == 0, made.err
-    seconds = time.monotonic() - began
+    out = ("-o", folder / "small.study", "--methods", "helmert-occupied", "--epochs", "3", "--workers", "1")
+    for arguments in (localize(drive, folder / "poses.csv"), ("study", drive.dataset.folder, *out)):
+        made = maxcon_in_process_of_its_own(*arguments)
+        assert made.code == 0, made.err
     for number in range(2):
         _write_round(folder / f"round-{number}.laz", number)
-    return Written(folder, seconds)
+    return folder
 
 
 def _write_round(path, number):
@@ -165,16 +150,6 @@ def _write_round(path, number):
 
 def localize(drive, out):
     return "localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", out
-
-
-def relocalize(drive, out):
-    place = drive.reference.at(float(drive.reference.times[0]), 0.5)
-    around = ("--around", f"{place.x:.1f},{place.y:.1f}", "--radius", "60")
-    return "relocalize", drive.city, drive.dataset.scans, *around, "-o", out
-
-
-def study(dataset, out):
-    return ("study", dataset.folder, "-o", out, "--methods", "helmert-occupied", "--epochs", "3", "--workers", "1")
 
 
 @pytest.fixture
@@ -212,10 +187,10 @@ def timed(maxcon_in_process_of_its_own):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_what_a_killed_command_leaves_is_whole_or_not_there(name, drive, written, maxcon, timed, killed):
+def test_what_a_killed_command_leaves_is_whole_or_not_there(name, drive, folder_of_kills, maxcon, timed, killed):
     command, replacing, is_whole, n_rounds, package = WRITERS[name]
     pytest.importorskip(package)
-    folder = written.folder / name.replace(" ", "-")
+    folder = folder_of_kills / name.replace(" ", "-")
     folder.mkdir()
     arguments = command(drive, folder)
     out, rng = arguments[-1], random.Random(name)
@@ -243,46 +218,6 @@ def _remove(path):
     shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-# The steps of a demo take a minute; what is asked of the command is the same of quick ones.
-QUICK_DEMO = """
-import time
-from maxcon.cli import laboratory, main
-from maxcon.lab import demo
-
-def step(*names):
-    def write(*arguments, **options):
-        for folder in (each for each in arguments if hasattr(each, "is_dir")):
-            for name in names:
-                time.sleep(0.05)
-                (folder / name).write_text(name)
-        return ()
-    return write
-
-demo.prepare_demo, demo.localize_demo = step("dataset", "city.map"), step("poses-a.csv")
-demo.try_wide_priors = step("city-with-ground.map", "prior-error.csv")
-demo.report_demo = step("pictures", "report.html")
-laboratory._print_demo = lambda results, wide: None
-main()
-"""
-
-
-def test_a_killed_demo_leaves_none_or_the_one_before_and_the_same_command_works(timed, killed, tmp_path):
-    """What it had begun beside its folder is removed by the next."""
-    out, rng = tmp_path / "out", random.Random("demo")
-    names = {name.replace("*", "a") for name in DEMO_NAMES}
-    arguments = ("demo", "--out", out)
-    seconds = timed(*arguments, script=QUICK_DEMO)
-    for has_one in (True, True, False, False):
-        if not has_one:
-            shutil.rmtree(out, ignore_errors=True)
-        killed(arguments, rng.uniform(0.5, 1.0) * seconds, script=QUICK_DEMO)
-        assert has_one <= out.exists()
-        assert not out.exists() or {path.name for path in out.iterdir()} == names
-    timed(*arguments, script=QUICK_DEMO)
-    assert {path.name for path in out.iterdir()} == names
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
 @pytest.fixture
 def bucket(monkeypatch):
     """Address of an empty bucket."""
@@ -307,28 +242,24 @@ def test_a_killed_copy_to_a_bucket_leaves_no_map_there_and_is_gone_on_with(drive
 # --- commands that go on ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("command", "n_rounds"), [(localize, SOME), (relocalize, FEW)])
-def test_rows_of_a_killed_drive_stay_and_are_gone_on_with(command, n_rounds, drive, written, timed, killed):
-    folder = written.folder / command.__name__
-    folder.mkdir()
-    out, rng = folder / "poses.csv", random.Random(command.__name__)
-    seconds = timed(*command(drive, out))
+def test_rows_of_a_killed_drive_stay_and_are_gone_on_with(drive, tmp_path, timed, killed):
+    out, rng = tmp_path / "poses.csv", random.Random("localize")
+    seconds = timed(*localize(drive, out))
     whole = _complete_rows(out)
     assert len(whole) == 4
-    for _ in range(n_rounds):
+    for _ in range(SOME):
         out.unlink()
-        resume = ()
-        kept = []
+        resume, kept = (), []
         for _ in range(2):
-            killed((*command(drive, out), *resume), rng.uniform(0.5, 1.0) * seconds)
+            killed((*localize(drive, out), *resume), rng.uniform(0.5, 1.0) * seconds)
             if out.exists():
                 rows = _complete_rows(out)
                 assert rows[: len(kept)] == kept  # nothing that was finished is lost
                 assert rows == whole[: len(rows)]
                 kept, resume = rows, ("--resume",)
-        timed(*command(drive, out), *resume)
+        timed(*localize(drive, out), *resume)
         assert _complete_rows(out) == whole
-    assert [path.name for path in folder.iterdir()] == ["poses.csv"]
+    assert [path.name for path in tmp_path.iterdir()] == ["poses.csv"]
 
 
 def _complete_rows(path):
@@ -338,14 +269,14 @@ def _complete_rows(path):
     return [{**row, "ms": ""} for row in csv.DictReader(complete)]
 
 
-def test_drives_that_are_done_stay_and_the_others_are_gone_on_with(drive, written, timed, killed):
+def test_drives_that_are_done_stay_and_the_others_are_gone_on_with(drive, folder_of_kills, timed, killed):
     def rows(out, name):
         return PosesDataset(out).rows(name).drop_columns(["ms"]).to_pylist()
 
     def localize_drives(out):
         return "localize", drive.city, "--drives", table, "-o", out, "--workers", "1"
 
-    folder, rng, names = written.folder / "drives", random.Random("drives"), ("a", "b", "c")
+    folder, rng, names = folder_of_kills / "drives", random.Random("drives"), ("a", "b", "c")
     folder.mkdir()
     table = folder / "drives.csv"
     lines = [f"{name},{drive.dataset.scans},{drive.dataset.prior}" for name in names]
@@ -370,22 +301,3 @@ def test_drives_that_are_done_stay_and_the_others_are_gone_on_with(drive, writte
 
 def _names(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
-
-
-def test_rows_of_a_killed_study_stay_and_are_gone_on_with(drive, written, timed, killed):
-    def rows(folder):
-        table = Study.open(folder).table
-        return sorted(map(str, table.drop_columns(["ms"]).to_pylist()))
-
-    whole = rows(written.folder / "small.study")
-    folder = written.folder / "study"
-    folder.mkdir()
-    rng, seconds = random.Random("study"), written.seconds_of_study
-    for number in range(SOME):
-        out = folder / f"{number}.study"
-        killed(study(drive.dataset, out), rng.uniform(0.4, 1.0) * seconds)
-        kept = rows(out) if (out / "table.parquet").exists() else []
-        assert set(kept) <= set(whole)
-        timed(*study(drive.dataset, out))
-        assert rows(out) == whole
-        assert not list(out.rglob(".*partial*"))

@@ -52,11 +52,9 @@ def test_tables_that_cannot_be_written_are_told_first(maxcon, refused, localize,
     monkeypatch.setattr("maxcon.drive.localize.Drive.of", None)
     (out / "file").touch()
     for path, got in (
-        (out / "missing" / "poses.csv", "No such file or directory"),
         (out / "file" / "poses.csv", "Not a directory"),
         (out / ("a" * 300), "too long"),
-        ("/proc/poses.csv", "No such file or directory"),
-        (out, "the folder"),
+        (out, "folder"),
     ):
         arguments = (path,) if option == "-o" else (out / "poses.csv", option, path)
         refused(maxcon(*localize, *arguments), path, got)
@@ -72,13 +70,7 @@ def test_outputs_that_replace_each_other_or_a_file(maxcon, refused, localize, bu
     assert drive.dataset.prior.read_bytes() == before
     refused(maxcon(*localize, "poses.csv", "--plot", "a" * 300), "too long")
     for name in (".", "..", "/"):
-        for command in (
-            (*build, name),
-            (*build, name, "--overwrite"),
-            (*localize, name),
-            ("demo", "--out", name),
-            ("simulate", name),
-        ):
+        for command in ((*build, name, "--overwrite"), (*localize, name), ("demo", "--out", name)):
             refused(maxcon(*command), name)
     assert list(out.iterdir()) == []
     (out / "file").touch()
@@ -96,7 +88,7 @@ def test_names_with_line_ends_stay_in_one_line(maxcon, refused, tmp_path):
 
 
 @pytest.mark.kills
-@pytest.mark.parametrize("limit", [2_000, 200_000, 1_000_000])
+@pytest.mark.parametrize("limit", [2_000, 1_000_000])
 def test_the_disk_is_full_while_building(maxcon_in_process_of_its_own, refused, build, out, limit):
     ended = maxcon_in_process_of_its_own(*build, out / "city.map", preexec_fn=_small_disk(limit))
     refused(ended, out / "city.map", "free disk space", "nothing was written")
@@ -143,14 +135,6 @@ def test_the_disk_is_full_half_way(maxcon_in_process_of_its_own, maxcon, refused
     assert len(lines) == 1 + n_rows
     assert lines[-1].count(",") == lines[0].count(",")
     assert maxcon(*localize, out / "poses.csv", "--resume").code == 0
-
-
-@pytest.mark.kills
-def test_the_disk_is_full_while_simulating(maxcon_in_process_of_its_own, refused, out):
-    arguments = ("simulate", out / "dataset", "--epochs", "1")
-    ended = maxcon_in_process_of_its_own(*arguments, preexec_fn=_small_disk(50_000))
-    refused(ended, out / "dataset", "nothing was written")
-    assert list(out.iterdir()) == []
 
 
 def test_the_reader_of_the_output_goes_away(maxcon_process, drive):

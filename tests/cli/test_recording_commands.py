@@ -193,7 +193,7 @@ def test_two_scanners_in_one_epoch(localize, refused, drive, tmp_path):
     true = np.array([drive.reference.at(time).position for time in poses[:, 0]])
     assert np.linalg.norm(poses[:, 1:3] - true[:, :2], axis=1).max() < 0.02
     for_one = ("--overwrite", "--turn-time", "0.1", "--deskew")
-    refused(localize(*rig, *for_one, scans=tmp_path), "got --turn-time, which is for one")
+    refused(localize(*rig, *for_one, scans=tmp_path), "rig.toml, or --turn-time, got both")
 
     # The same as two topics of one recording.
     sides = {side: open_scans(tmp_path / side) for side in mounts}

@@ -71,24 +71,19 @@ def test_epochs_without_an_answer_are_rows_with_their_status(relocalize, drive, 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("--radius 50", ("--around",)),
-        ("--around 5", ("--around X,Y", "'5'")),
+        ("--radius 50", ("--radius together with --around X,Y",)),
         ("--around nan,3", ("--around X,Y",)),
         ("--around 1,2", ("within 300 m", "CRS")),
         ("--around 1,2 --radius -5", ("radius",)),
-        ("--resume", ("--resume together with --out",)),
         ("--tum x.tum", ("--tum together with --out",)),
         ("--risk 2", ("risk",)),
-        ("--min-range 9 --max-range 3", ("max",)),
     ],
 )
 def test_slips_are_one_line(relocalize, refused, options, words):
     refused(relocalize(*options.split()), *words)
 
 
-def test_files_of_no_use_are_said(relocalize, refused, tmp_path):
-    refused(relocalize(city=tmp_path), tmp_path)
-    refused(relocalize(scans=tmp_path / "none"), "none")
+def test_a_table_is_not_replaced_unasked_without_a_prior(relocalize, refused, tmp_path):
     (tmp_path / "poses.csv").write_text("mine")
     refused(relocalize("-o", tmp_path / "poses.csv"), "--overwrite")
     assert (tmp_path / "poses.csv").read_text() == "mine"

@@ -118,21 +118,6 @@ def test_a_table_is_not_replaced_unasked(maxcon, refused, arguments, table, pose
     assert rows_of(table) == rows_of(poses)
 
 
-@pytest.mark.parametrize("what", ["another time", "more rows", "another column", "a column less", "bytes"])
-def test_tables_of_other_drives_are_not_gone_on_with(maxcon, refused, arguments, table, poses, what):
-    lines = poses.read_bytes().splitlines(keepends=True)
-    lines = {
-        "another time": [lines[0], b"9" + lines[1]],
-        "more rows": [*lines, lines[-1]],
-        "another column": [lines[0].replace(b"score", b"points"), *lines[1:]],
-        "a column less": [lines[0], lines[1].partition(b",")[2]],
-        "bytes": [lines[0], b"\xff\xfe\x00\n"],
-    }[what]
-    table.write_bytes(b"".join(lines))
-    refused(maxcon(*arguments, "--resume"), table, "to be a table of these scans", "--overwrite")
-    assert table.read_bytes() == b"".join(lines)
-
-
 def test_epochs_not_localized_count_when_gone_on_with(maxcon, arguments, table, poses):
     lines = poses.read_text().splitlines()
     cells = lines[1].split(",")

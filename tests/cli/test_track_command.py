@@ -48,7 +48,7 @@ def test_a_drive_is_tracked_with_odometry(localize, dense, odometry, tmp_path):
     told, late = read_trajectory(odometry), tmp_path / "late.txt"
     write_tum(late, Trajectory(told.times + 1e6, told.positions, told.quaternions_xyzw))
     ended = localize("--track", "--odometry", late, scans=dense.scans, prior=dense.prior, out="late.csv")
-    assert ended.code == 2 and "late.txt" in ended.err and "Expected an odometry pose" in ended.err
+    assert ended.code == 2 and "late.txt" in ended.err and "Expected poses of the odometry" in ended.err
 
 
 def test_the_prior_s_own_motion_does_without_odometry(localize, dense, tmp_path):

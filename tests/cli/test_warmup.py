@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 
-from maxcon._system.compiled import on_compilation
+from maxcon._system.kernel_cache import on_compilation
 from maxcon.cli.terminal import COMPILING, compiling_told
 
 pytestmark = pytest.mark.cold

@@ -60,14 +60,6 @@ def test_several_epochs_at_once_have_the_same_answers_in_the_same_order(point_ma
     assert together == alone
 
 
-def test_no_more_epochs_are_begun_than_there_are_threads_and_one(point_map, scan_folder):
-    method = SaysWhere()
-    running = localize_drive(point_map, scan_folder, prior_of(TIMES), method, n_threads=2)
-    assert next(running).epoch == 0
-    running.close()
-    assert 1 <= len(method.asked) <= 3
-
-
 def test_an_error_in_one_of_several_epochs_is_raised_and_no_thread_refused(point_map, scan_folder):
     class Fails(SaysWhere):
         def localize(self, scan, point_map, prior):
@@ -75,8 +67,10 @@ def test_an_error_in_one_of_several_epochs_is_raised_and_no_thread_refused(point
                 raise MapError("a tile cannot be read")
             return super().localize(scan, point_map, prior)
 
-    running = localize_drive(point_map, scan_folder, prior_of(TIMES), Fails(), n_threads=2)
+    method = Fails()
+    running = localize_drive(point_map, scan_folder, prior_of(TIMES), method, n_threads=2)
     assert next(running).epoch == 0
+    assert 0 <= len(method.asked) <= 3  # no more are begun than there are threads, and one
     with pytest.raises(MapError, match="a tile cannot be read"):
         next(running)
     with pytest.raises(OptionError, match=r"`n_threads` >= 1, got 0"):
@@ -92,6 +86,9 @@ def test_epochs_come_one_at_a_time_with_local_priors(point_map, scan_folder):
     _, prior = method.asked[0]
     np.testing.assert_allclose(prior.position, truth(0).position + [0.6, -0.42, 0.0], atol=1e-8)
     np.testing.assert_allclose(first.pose_global.position, prior.position + FRAME.origin, atol=1e-8)
+    light = first.without_points()
+    assert (len(light.scan), len(light.raw.points)) == (0, 0) < (len(first.scan), 0)
+    assert (light.raw.n_returns, light.pose_global, light.scan.time) == (first.raw.n_returns, first.pose_global, 10.0)
 
 
 def test_an_epoch_without_prior_or_outside_the_map_gets_a_status(point_map, scan_folder):
@@ -107,13 +104,6 @@ def test_an_epoch_without_prior_or_outside_the_map_gets_a_status(point_map, scan
     assert leaving[1].pose_global is None
 
 
-def test_a_pose_that_may_not_be_used_is_not_given_out(point_map, scan_folder):
-    for status in (Status.UNDETERMINED, Status.AT_RIM, Status.NO_MATCH):
-        epoch = next(localize_drive(point_map, scan_folder, prior_of(TIMES), SaysWhere(status)))
-        assert (epoch.status, epoch.pose_global) == (status, None)
-        assert epoch.estimate.status is status
-
-
 def test_points_out_of_range_are_left_out(point_map, scan_folder):
     method = SaysWhere()
     options = DriveOptions(min_range=5.0, max_range=12.0)
@@ -122,38 +112,26 @@ def test_points_out_of_range_are_left_out(point_map, scan_folder):
     assert ranges.min() >= 5.0
     assert ranges.max() <= 12.0
     assert epoch.raw.n_dropped_range > 0
+    for nearest, farthest in ((5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (math.nan, 5.0)):
+        with pytest.raises(OptionError, match="0 <= min_range < max_range"):
+            DriveOptions(nearest, farthest)
 
 
-@pytest.mark.parametrize(("nearest", "farthest"), [(5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (math.nan, 5.0)])
-def test_ranges_that_leave_nothing_are_refused_before_a_drive(nearest, farthest):
-    with pytest.raises(OptionError, match="0 <= min_range < max_range"):
-        DriveOptions(nearest, farthest)
-
-
-def test_a_gap_in_the_prior_is_not_bridged_unless_allowed(point_map, scan_folder):
+def test_a_gap_in_the_prior_is_not_bridged_unless_allowed_and_another_clock_or_place_is_an_error(
+    point_map, scan_folder
+):
     poses = prior_of(TIMES).poses()
     sparse = Trajectory.from_poses([9.0, 11.0], [poses[0], poses[3]])
     with pytest.raises(TrajectoryError, match=r"10\.000 to 10\.300 s, but the prior trajectory has none near"):
         list(localize_drive(point_map, scan_folder, sparse, SaysWhere()))
     epochs = list(localize_drive(point_map, scan_folder, sparse, SaysWhere(), DriveOptions(max_gap=3.0)))
     assert epochs[0].status is Status.LOCALIZED
-
-
-def test_a_prior_of_another_clock_or_place_is_an_error(point_map, scan_folder):
     late = prior_of([time + 1e6 for time in TIMES])
     with pytest.raises(TrajectoryError, match=r"\(1000010\.000 to 1000010\.300 s\)\. Do both use the same clock\?"):
         next(localize_drive(point_map, scan_folder, late, SaysWhere()))
     elsewhere = prior_of(TIMES, off=(0.0, -5_400_000.0, 0.0))
     with pytest.raises(MapError, match=r"the prior inside the map, x 458800 to .*, y 29015.* Are both in the same CRS"):
         next(localize_drive(point_map, scan_folder, elsewhere, SaysWhere()))
-
-
-def test_epochs_without_points_are_light(point_map, scan_folder):
-    epoch = next(localize_drive(point_map, scan_folder, prior_of(TIMES), SaysWhere()))
-    light = epoch.without_points()
-    assert (len(light.scan), len(light.raw.points)) == (0, 0)
-    assert (light.raw.n_returns, light.pose_global, light.scan.time) == (epoch.raw.n_returns, epoch.pose_global, 10.0)
-    assert len(epoch.scan) > 0
 
 
 def test_a_prior_of_a_senseless_number_is_one_epoch_with_a_status(point_map, scan_folder):

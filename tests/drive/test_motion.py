@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from maxcon import Pose, Trajectory
 from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
+from maxcon.drive.tracker import TrackingOptions
 from maxcon.errors import OptionError
 
 ANYWHERE = Pose(458_800.0, 5_429_000.0, 100.0, 0.02, -0.03, 2.9)
@@ -86,16 +87,13 @@ def test_a_prior_is_as_good_a_source_as_it_is_smooth(step):
     assert math.sqrt(jumping.covariance(increment)[0, 0]) >= of_one_axis
 
 
-def test_a_prior_of_few_poses_has_the_usual_noise():
+def test_few_poses_have_the_usual_noise_and_standard_deviations_are_not_negative():
     assert MotionNoise.of_prior(drive(2, 0.1, np.zeros((2, 2)))) == MotionNoise()
-
-
-@pytest.mark.parametrize("name", ["share", "walk", "heading_drift_deg", "tilt_deg"])
-def test_standard_deviations_are_not_negative(name):
-    with pytest.raises(OptionError, match=f"Expected `{name}` of a motion's noise to be a number >= 0, got -1"):
-        MotionNoise(**{name: -1.0})
-    with pytest.raises(OptionError, match="got nan"):
-        MotionNoise(**{name: math.nan})
+    for name, value in (("share", -1.0), ("tilt_deg", math.nan)):
+        with pytest.raises(OptionError, match=f"Expected `{name}` >= 0, got {value}"):
+            MotionNoise(**{name: value})
+    with pytest.raises(OptionError, match=r"Expected `sigmas` above 0, got 0\.0\. The default is 3\.0"):
+        TrackingOptions(sigmas=0.0)
 
 
 # --- the filter: derivatives by differences, and the update by information ---

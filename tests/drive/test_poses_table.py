@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""POSES.csv: what is written reads back, and only localized epochs have a pose."""
+"""Tables of poses: what is written reads back, only localized epochs have a pose, a dataset's drive appears whole."""
 
 import csv
 import math
@@ -15,24 +15,57 @@ import pytest
 from court_drive import POSE, START, made_epoch
 
 from maxcon import Pose, Status
-from maxcon.drive.poses_table import COLUMNS, GrowingTable, localized_trajectory, rows_there, write_poses
-from maxcon.errors import FileError
+from maxcon.drive.poses_table import (
+    COLUMNS,
+    COVARIANCES,
+    FORMATS,
+    GrowingTable,
+    PosesDataset,
+    localized_trajectory,
+    poses_schema,
+    rows_there,
+    write_poses,
+)
+from maxcon.errors import FileError, OptionError
 from maxcon.io.trajectories import read_trajectory
 
+SOME = np.random.default_rng(0).normal(0.0, 0.03, (9, 6))
 
-def test_the_table_reads_back_as_a_trajectory(tmp_path):
+
+def sure_epoch(number, status=Status.LOCALIZED):
+    """With a covariance, and a protection level that is known along the heading only."""
+    made = made_epoch(number, status, covariance=SOME.T @ SOME, protection_level=(0.1234567, math.inf))
+    return replace(made, reason="a\nreason")
+
+
+def rows_of(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "poses.csv"
+
+
+# --- POSES.csv ------------------------------------------------------------------------------------------------
+
+
+def test_the_localized_epochs_read_back_as_a_trajectory(path):
     turned = Pose(POSE.x + 10.0, POSE.y, POSE.z, -0.01, 0.02, -math.pi)
-    write_poses(tmp_path / "poses.csv", [made_epoch(0), made_epoch(1, pose=turned)])
-    found = read_trajectory(tmp_path / "poses.csv")
-    np.testing.assert_allclose(found.times, [START, START + 1], rtol=0, atol=1e-9)
-    for read, written in zip(found.poses(), (POSE, turned), strict=True):
-        np.testing.assert_allclose(read.position, written.position, rtol=0, atol=5e-5)
-        np.testing.assert_allclose(read.rotation, written.rotation, rtol=0, atol=1e-8)
+    epochs = [made_epoch(0), made_epoch(1, Status.NO_PRIOR), made_epoch(2, pose=turned), made_epoch(3, Status.AT_RIM)]
+    write_poses(path, epochs)
+    for found in (read_trajectory(path), localized_trajectory(epochs)):
+        np.testing.assert_allclose(found.times, [START, START + 2], rtol=0, atol=1e-9)
+        for read, written in zip(found.poses(), (POSE, turned), strict=True):
+            np.testing.assert_allclose(read.position, written.position, rtol=0, atol=5e-5)
+            np.testing.assert_allclose(read.rotation, written.rotation, rtol=0, atol=1e-8)
+    assert localized_trajectory(epochs[1:2]) is None
 
 
-def test_columns_and_text(tmp_path):
-    write_poses(tmp_path / "poses.csv", [made_epoch(0)])
-    header, row = (tmp_path / "poses.csv").read_text().splitlines()
+def test_columns_and_text(path):
+    write_poses(path, [made_epoch(0)])
+    header, row = path.read_text().splitlines()
     assert header.split(",") == list(COLUMNS)
     assert header.startswith("time,x,y,z,roll,pitch,heading,score,status,ms,protection_along,protection_across,cov_x_x")
     assert header.endswith("cov_pitch_heading,cov_heading_heading,reason")
@@ -43,87 +76,59 @@ def test_columns_and_text(tmp_path):
     )
 
 
-def test_the_covariance_is_written_as_its_upper_triangle(tmp_path):
+def test_the_covariance_is_written_as_its_upper_triangle(path):
     half = np.triu(np.arange(36.0).reshape(6, 6) + 1.0)
     epoch = made_epoch(0)
     sure = replace(epoch.estimate, covariance=half + np.triu(half, 1).T, protection_level=(0.12345, math.inf))
-    write_poses(tmp_path / "poses.csv", [replace(epoch, estimate=sure)])
-    with (tmp_path / "poses.csv").open() as file:
-        (row,) = csv.DictReader(file)
+    write_poses(path, [replace(epoch, estimate=sure)])
+    (row,) = rows_of(path)
     assert (row["protection_along"], row["protection_across"]) == ("0.1235", "")
     assert (row["cov_x_x"], row["cov_x_y"], row["cov_y_y"], row["cov_heading_heading"]) == ("1", "2", "8", "36")
-    assert [float(row[name]) for name in COLUMNS if name.startswith("cov_")] == half[np.triu_indices(6)].tolist()
+    assert [float(row[name]) for name in COVARIANCES] == half[np.triu_indices(6)].tolist()
 
 
-def test_a_reason_of_many_words_is_read_back_and_does_not_disturb_the_others(tmp_path):
-    reason = 'Expected a "scan", got 3 bytes,\nof 16. Copy it again.'
-    write_poses(tmp_path / "poses.csv", [made_epoch(0), replace(made_epoch(1), reason=reason)])
-    with (tmp_path / "poses.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [row["reason"] for row in rows] == ["", 'Expected a "scan", got 3 bytes, of 16. Copy it again.']
-    assert len(read_trajectory(tmp_path / "poses.csv")) == 2
+def test_only_localized_epochs_have_a_pose(path):
+    write_poses(path, [made_epoch(number, status) for number, status in enumerate(Status)])
+    for row, status in zip(rows_of(path), Status, strict=True):
+        assert row["status"] == status.value
+        assert {row[name] != "" for name in COLUMNS[1:7]} == {status is Status.LOCALIZED}
+        assert (row["score"] != "") == (status not in (Status.NO_PRIOR, Status.NO_POINTS, Status.OUTSIDE_MAP))
 
 
-@pytest.mark.parametrize("status", list(Status))
-def test_only_localized_epochs_have_a_pose(tmp_path, status):
-    write_poses(tmp_path / "poses.csv", [made_epoch(0, status)])
-    with (tmp_path / "poses.csv").open() as file:
-        (row,) = csv.DictReader(file)
-    assert row["status"] == status.value
-    has_pose = {row[name] != "" for name in COLUMNS[1:7]}
-    assert has_pose == {status is Status.LOCALIZED}
-    assert (row["score"] != "") == (status not in (Status.NO_PRIOR, Status.NO_POINTS, Status.OUTSIDE_MAP))
-
-
-def test_epochs_without_a_pose_are_passed_over_when_read(tmp_path):
-    write_poses(tmp_path / "poses.csv", [made_epoch(0, Status.NO_PRIOR), made_epoch(1), made_epoch(2, Status.AT_RIM)])
-    assert len(read_trajectory(tmp_path / "poses.csv")) == 1
-
-
-def test_the_trajectory_of_the_localized_epochs():
-    assert localized_trajectory([]) is None
-    assert localized_trajectory([made_epoch(0, Status.NO_MATCH)]) is None
-    found = localized_trajectory([made_epoch(0), made_epoch(1, Status.UNDETERMINED), made_epoch(2)])
-    np.testing.assert_array_equal(found.times, [START, START + 2])
-    np.testing.assert_array_equal(found.positions[0], POSE.position)
-
-
-def test_the_table_is_written_whole_or_not_at_all(tmp_path):
-    path = tmp_path / "poses.csv"
+def test_the_table_is_written_whole_or_not_at_all(path):
     write_poses(path, [made_epoch(0)])
     before = path.read_bytes()
     with pytest.raises(AttributeError):
         write_poses(path, [made_epoch(0), None])
     assert path.read_bytes() == before
     with pytest.raises(FileError, match=r"poses\.csv, got: No such file or directory.*nothing was written"):
-        write_poses(tmp_path / "missing" / "poses.csv", [made_epoch(0)])
-    assert [name.name for name in tmp_path.iterdir()] == ["poses.csv"]
+        write_poses(path.parent / "missing" / "poses.csv", [made_epoch(0)])
+    assert [name.name for name in path.parent.iterdir()] == ["poses.csv"]
 
 
-def test_a_reason_in_any_letters_is_written_the_same_under_any_locale(tmp_path):
+def test_a_reason_in_any_letters_and_lines_is_written_the_same_under_any_locale(path):
     script = (
         "from test_poses_table import made_epoch, replace, write_poses; import sys;"
-        "write_poses(sys.argv[1], [replace(made_epoch(0), reason='Stra\\u00dfe')])"
+        "write_poses(sys.argv[1], [replace(made_epoch(0), reason='a \"scan\",\\nin Stra\\u00dfe')])"
     )
     plain = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "PYTHONPATH": str(Path(__file__).parent)}
     plain["PYTHONPATH"] += os.pathsep + os.environ.get("PYTHONPATH", "")
-    subprocess.run([sys.executable, "-c", script, tmp_path / "p.csv"], env=os.environ | plain, check=True)
-    assert (tmp_path / "p.csv").read_bytes().endswith("Straße\r\n".encode())
-    assert rows_there(tmp_path / "p.csv", np.array([START])).n_rows == 1
+    subprocess.run([sys.executable, "-c", script, path], env=os.environ | plain, check=True)
+    assert [row["reason"] for row in rows_of(path)] == ['a "scan", in Straße']
+    assert rows_there(path, np.array([START])).n_rows == 1
 
 
-def test_another_process_at_the_same_table_is_refused(tmp_path):
-    path = tmp_path / "poses.csv"
+def test_another_process_at_the_same_table_is_refused(path):
     with GrowingTable(path) as one, GrowingTable(path) as other:
         one.add(made_epoch(0))
         with pytest.raises(FileError, match="another process is at work on it"):
             other.add(made_epoch(0))
     assert len(path.read_text().splitlines()) == 2
-    assert [name.name for name in tmp_path.iterdir()] == ["poses.csv"]
+    assert [name.name for name in path.parent.iterdir()] == ["poses.csv"]
 
 
-def test_rows_go_on_behind_those_that_are_whole(tmp_path):
-    path, times = tmp_path / "poses.csv", np.array([made_epoch(number).raw.time for number in range(3)])
+def test_rows_go_on_behind_those_that_are_whole(path):
+    times = np.array([made_epoch(number).raw.time for number in range(3)])
     write_poses(path, [made_epoch(number) for number in range(3)])
     whole = path.read_bytes()
     path.write_bytes(whole[:-20])  # killed in the third row
@@ -132,5 +137,74 @@ def test_rows_go_on_behind_those_that_are_whole(tmp_path):
     with GrowingTable(path, there) as table:
         table.add(made_epoch(2))
     assert path.read_bytes() == whole
-    with GrowingTable(path, there) as table, pytest.raises(FileError, match="it has grown"):
-        table.add(made_epoch(2))
+
+
+@pytest.mark.parametrize("what", ["another time", "more rows", "another column", "a column less", "bytes", "text"])
+def test_tables_of_other_drives_are_not_gone_on_with(path, what):
+    times = np.array([made_epoch(0).raw.time])
+    write_poses(path, [made_epoch(0)])
+    header, row = path.read_bytes().splitlines(keepends=True)
+    contents = {
+        "another time": [header, b"9" + row], "more rows": [header, row, row],
+        "another column": [header.replace(b"score", b"points"), row],
+        "a column less": [header, row.partition(b",")[2]], "bytes": [header, b"\xff\xfe\x00\n"], "text": [b"notes"],
+    }  # fmt: skip
+    path.write_bytes(b"".join(contents[what]))
+    with pytest.raises(FileError, match=r"poses\.csv to be a table of these scans.*--overwrite"):
+        rows_there(path, times)
+
+
+# --- many drives ----------------------------------------------------------------------------------------------
+
+
+def test_rows_are_published_once_and_whole(tmp_path):
+    dataset = PosesDataset(tmp_path)
+    assert not dataset.has_rows()
+    dataset.add("a", [sure_epoch(2), sure_epoch(3, Status.AMBIGUOUS)])
+    dataset.add("a", [sure_epoch(0), sure_epoch(1)])
+    dataset.add("a", [sure_epoch(1)])  # done twice, as after a kill
+    assert (dataset.has_rows("a"), dataset.is_done("a"), dataset.has_rows(), dataset.has_rows("b")) == (1, 0, 1, 0)
+    waiting = dataset.rows("a")
+    assert waiting.column("epoch").to_pylist() == [0, 1, 2, 3]
+    dataset.publish("a")
+    assert dataset.is_done("a") and not (tmp_path / "_parts").exists()
+    assert dataset.rows("a").equals(waiting)
+    assert waiting.schema.equals(poses_schema())
+    assert dataset.statuses("a") == ["localized", "localized", "localized", "ambiguous"]
+
+
+def test_rows_are_those_of_the_table_of_poses_before_rounding(tmp_path, path):
+    epochs = [sure_epoch(0), sure_epoch(1, Status.AMBIGUOUS)]
+    dataset = PosesDataset(tmp_path)
+    dataset.add("a", epochs)
+    write_poses(path, epochs)
+    found, rows = dataset.rows("a").to_pylist(), rows_of(path)
+    assert found[0]["x"] == POSE.x and rows[0]["x"] == "549936.5193"
+    assert (found[0]["protection_along"], found[0]["protection_across"]) == (0.1234567, None)
+    assert found[0][COVARIANCES[0]] == (SOME.T @ SOME)[0, 0]
+    assert found[1]["x"] is None and found[1]["score"] == 256.0771 and found[1]["reason"] == "a reason"
+    for numbers, cells in zip(found, rows, strict=True):
+        del numbers["epoch"]
+        rounded = {name: "" if value is None else format(value, FORMATS[name]) for name, value in numbers.items()}
+        assert rounded == cells
+
+
+UNREADABLE = Path("/proc/self/mem")
+
+
+@pytest.mark.skipif(not UNREADABLE.exists(), reason="no file here that is there and cannot be read")
+def test_a_prior_that_cannot_be_read_keeps_no_other_drive_from_its_own(tmp_path):
+    sources = {name: {"map": tmp_path, "prior": prior} for name, prior in (("broken", UNREADABLE), ("whole", None))}
+    for _ in range(2):
+        PosesDataset(tmp_path).check_sources(sources)
+    assert '"broken"' in (tmp_path / "_drives.json").read_text()
+
+
+@pytest.mark.parametrize(("name", "check"), [("_options.json", "check_options"), ("_drives.json", "check_sources")])
+@pytest.mark.parametrize("content", [b"{", b"[]", b'{"a": 1}', b"\xff"])
+def test_provenance_that_is_none_is_refused(tmp_path, name, check, content):
+    dataset = PosesDataset(tmp_path)
+    dataset.add("a", [sure_epoch(0)])
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises((FileError, OptionError), match=rf"{name}.*[Nn]ame another folder"):
+        getattr(dataset, check)({})

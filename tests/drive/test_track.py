@@ -9,9 +9,8 @@ import pytest
 from court_drive import CELL, FRAME, N_SCANS, prior_of, truth
 
 from maxcon import MaximumConsensus, Pose, SearchSpace, Status, Trajectory
-from maxcon.drive.localize import DriveOptions
+from maxcon.drive.localize import DriveOptions, track_drive
 from maxcon.drive.motion import MotionNoise
-from maxcon.drive.track import track_drive
 from maxcon.drive.tracker import Tracker
 from maxcon.errors import TrajectoryError
 from maxcon.io.scans.folder import ScanFolder
@@ -100,5 +99,5 @@ def test_a_place_outside_of_the_map_is_said(point_map, scans):
 
 def test_odometry_of_another_clock_is_an_error(point_map, scans):
     late = Trajectory.from_poses(np.array(TIMES) + 1e6, odometry().poses())
-    with pytest.raises(TrajectoryError, match=r"Expected an odometry pose for the scans, 10\.000 to 11\.800 s"):
+    with pytest.raises(TrajectoryError, match=r"Expected poses of the odometry for the scans, 10\.000 to 11\.800 s"):
         track_drive(point_map, scans, prior(), Tracker(METHOD), late)

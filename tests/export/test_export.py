@@ -16,8 +16,7 @@ import pyproj
 import pytest
 
 from maxcon import Pose
-from maxcon.drive.poses_dataset import poses_schema
-from maxcon.drive.poses_table import COLUMNS, COVARIANCES
+from maxcon.drive.poses_table import COLUMNS, COVARIANCES, poses_schema
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.export import EXPORT_SUFFIXES, export_poses, export_scans, read_rows
 from maxcon.io.scans import open_scans

@@ -16,8 +16,7 @@ import pypcd4
 from pyproj import CRS
 
 from maxcon import Pose, Trajectory
-from maxcon.drive.poses_dataset import poses_schema
-from maxcon.drive.poses_table import COLUMNS
+from maxcon.drive.poses_table import COLUMNS, poses_schema
 from maxcon.io.clouds import CLOUD_SUFFIXES
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
 from maxcon.io.recordings.writing import Entry, header_of

@@ -13,7 +13,6 @@ from glob import escape
 from pathlib import Path
 from tempfile import mkdtemp
 
-from maxcon._system.regular_file import special_kind
 from maxcon.errors import FileError
 
 MARK = ".partial-"
@@ -101,10 +100,7 @@ def locked(path: str | os.PathLike[str], what: str) -> Iterator[None]:
             f"Expected {what} to be left alone, but another process is at work on it. Wait for it, or stop it."
         ) from error
     except (OSError, NotImplementedError) as error:
-        raise FileError(
-            f"Expected to be able to lock {path}, got: {getattr(error, 'strerror', None) or error}. Check the folder"
-            " and its permissions, or name a place on another file system."
-        ) from error
+        raise _cannot_write(path, error) from error
     try:
         yield
     finally:
@@ -118,9 +114,7 @@ def make_folder(path: str | os.PathLike[str]) -> None:
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FileError(
-            f"Expected to be able to make the folder {path}, got: {error.strerror or error}. Choose another."
-        ) from error
+        raise _cannot_write(path, error) from error
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
@@ -156,26 +150,18 @@ def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[s
     names: names and patterns (`poses-*.csv`) of all that such a folder may hold; the first it must hold, if it is not
         empty.
     """
-    folder = Path(path)
     try:
-        there = sorted(child.name for child in folder.iterdir())
+        there = sorted(child.name for child in Path(path).iterdir())
     except FileNotFoundError:
         return
     except OSError as error:
-        raise FileError(
-            f"Expected {folder} to be {what}, to overwrite it, got: {error.strerror}. Name another folder."
-        ) from error
+        raise _cannot_write(path, error) from error
     known = frozenset(names)  # thousands of files, where they are many
     others = [name for name in there if name not in known and not any(fnmatchcase(name, pattern) for pattern in names)]
-    if others:
+    if others or (there and names[0] not in there):
         raise FileError(
-            f"Expected {folder} to be {what}, to overwrite it, but it holds {others[0]}."
+            f"Expected {path} to be {what}, to overwrite it, but it holds {others[0] if others else f'no {names[0]}'}."
             " Move that away, or name another folder."
-        )
-    if there and names[0] not in there:
-        raise FileError(
-            f"Expected {folder} to be {what}, to overwrite it, but it holds no {names[0]}."
-            " Remove it yourself, or name another folder."
         )
 
 
@@ -215,12 +201,9 @@ def _output_file(path: str | os.PathLike[str]) -> Path:
         return target
     except OSError as error:
         raise _cannot_write(path, error) from error
-    if stat.S_ISDIR(mode):
-        raise FileError(f"Expected a file to write, got the folder {path}. Name a file in it.")
     if not stat.S_ISREG(mode):
-        raise FileError(
-            f"Expected a file to write, got {path}, a {special_kind(mode)}: it would be replaced. Name a file."
-        )
+        kind = "the folder" if stat.S_ISDIR(mode) else "a FIFO, socket or device:"
+        raise FileError(f"Expected a file to write, got {kind} {path}. Name a file.")
     return target
 
 
@@ -232,8 +215,8 @@ def _behind_links(path: Path) -> Path:
         return path
 
 
-def _cannot_write(path: str | os.PathLike[str], error: OSError) -> FileError:
+def _cannot_write(path: str | os.PathLike[str], error: Exception) -> FileError:
     return FileError(
-        f"Expected to be able to write {path}, got: {error.strerror or error}."
+        f"Expected to be able to write {path}, got: {getattr(error, 'strerror', None) or error}."
         " Check the folder, its permissions and the free disk space; nothing was written."
     )

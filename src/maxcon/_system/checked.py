@@ -28,10 +28,7 @@ def checked(
     Bounds stand in the type: ``Annotated[float, msgspec.Meta(gt=0)]``. NaN and infinities pass such bounds in one
     direction; give both where they matter.
 
-    values: as tomllib or json returned them.
-    kind: what they should be.
-    where: the file, for messages.
-    what, advice: for messages: what was expected there, and what to do.
+    where, what, advice: for messages: the file, what was expected there, and what to do.
     error: kind of the error raised.
     """
     import msgspec

@@ -2,143 +2,101 @@
 # SPDX-License-Identifier: MIT
 """Workers of a dask cluster that somebody has started: found, watched, and left as they were."""
 
+import asyncio
 import gc
 import logging
-import threading
 import time
-import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
-from contextlib import contextmanager
-from importlib.util import find_spec
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
-from maxcon._system.job import Opening, close_jobs, do_task, workers_gone
-from maxcon.errors import MissingExtraError, OptionError
+from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from distributed import Client
 
 JOIN_TIMEOUT = 30
-"""s until a scheduler answers and has a worker."""
-TOLD_AFTER = 1.0
-"""s of waiting, until it is told."""
+"""s until a scheduler answers, and until it has a worker."""
 LONGEST_ALONE = 180.0
 """s without any worker until that is an error."""
 TASKS_OF_WORKER = 3
 """The one in work, and two ahead."""
 
 
-def check_dask() -> None:
-    """Refuse to go on without dask; MissingExtraError if so."""
-    if find_spec("distributed") is None:
-        raise MissingExtraError(
-            "Expected dask.distributed for workers of a cluster, but it is not installed: pip install 'maxcon[engine]'"
-        )
-
-
 @contextmanager
-def joined_cluster(address: str, warn: Callable[[str], None]) -> Iterator["Cluster"]:
+def joined_cluster(address: str, close: Callable[[], None], warn: Callable[[str], None] | None) -> Iterator["Cluster"]:
     """Yield the workers of the scheduler at an address; certificates are those of dask's own configuration.
 
-    OptionError if there is no scheduler, or it has no workers; `warn` is called with a line where it is waited for.
+    In the end each worker calls `close`, behind what it has in work. OptionError if there is no scheduler, or it has no
+    workers; `warn` is called with a line where these are waited for.
     """
-    from distributed import Client
+    from distributed import Client, fire_and_forget
 
-    with _quiet():
+    with _quiet(), ExitStack() as stack:
         try:
-            with _waiting_told("a scheduler", address, warn):
-                _greet(address)
-                client = Client(address, timeout=JOIN_TIMEOUT, set_as_default=False)
+            _greet(address)
+            client = stack.enter_context(Client(address, timeout=JOIN_TIMEOUT, set_as_default=False))
+            if warn is not None and not client.nthreads():
+                warn(f"waiting up to {JOIN_TIMEOUT} s for a worker at {address}")
+            client.wait_for_workers(1, timeout=JOIN_TIMEOUT)
         except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
-            said = (getattr(error, "strerror", None) or str(error)).rstrip(".") or "no answer in time"
+            said = str(error).rstrip(".") or "no answer in time"
             raise OptionError(
-                f"Expected a dask scheduler at {address}, got: {said}. Start one: dask scheduler --host 127.0.0.1, and"
-                " name its address, as tcp://127.0.0.1:8786."
+                f"Expected a dask scheduler with workers at {address}, got: {said}. Start them: dask scheduler --host"
+                " 127.0.0.1, then dask worker tcp://127.0.0.1:8786 --nthreads 1, and name that address."
             ) from error
-        with client:
-            try:
-                with _waiting_told("a worker", address, warn):
-                    client.wait_for_workers(1, timeout=JOIN_TIMEOUT)
-            except TimeoutError as error:
-                raise OptionError(
-                    f"Expected workers at {address}, but there is none after {JOIN_TIMEOUT} s. Start some: dask worker"
-                    f" {address} --nthreads 1."
-                ) from error
-            cluster = Cluster(client)
-            try:
-                yield cluster
-            finally:
-                cluster.dismiss()
+        cluster = Cluster(client)
+        try:
+            yield cluster
+        finally:
+            cluster.executor.shutdown(wait=False)
+            for worker in cluster.addresses():
+                fire_and_forget(client.submit(close, workers=[worker], pure=False))
 
 
 class Cluster:
-    """The workers of a cluster, as `engine.Workers`: a task that ends four is told apart by the scheduler."""
+    """The workers of a cluster, used as `engine.Processes`: dask itself tells a task that ends four of them."""
 
-    lost: type[Exception]
-    allowed_deaths: int = 0
+    allowed_deaths = 0
 
     def __init__(self, client: "Client") -> None:
         from distributed import KilledWorker
 
-        self.lost = KilledWorker
+        self.lost: type[Exception] = KilledWorker
+        self.executor = client.get_executor(pure=False)
         self._client = client
-        self._executor = client.get_executor(pure=False)
         self._last_seen = time.monotonic()
 
     @property
     def n_ahead(self) -> int:
         """Tasks to submit before the first is done."""
-        return TASKS_OF_WORKER * max(1, len(self._addresses()))
+        return TASKS_OF_WORKER * max(1, len(self.addresses()))
 
-    def submit(self, opening: Opening, task: Any) -> Future[Any]:
+    def submit(self, *call: Any) -> Future[Any]:
         """Let one of them do a task."""
-        key = f"{opening.job.name}-{uuid.uuid4()}"
-        future: Future[Any] = self._executor.submit(do_task, opening, task, key=key)
+        future: Future[Any] = self.executor.submit(*call)
         return future
 
-    def check(self) -> None:
-        """Refuse to wait any longer where the scheduler or all workers are gone; MaxconError if so."""
-        now = time.monotonic()
+    def gone(self) -> str:
+        """Say why no result is waited for any longer: the scheduler or all workers are gone. Empty if they are not."""
         if self._client.status in ("closed", "closing"):
-            raise workers_gone("the scheduler is gone")
-        if self._addresses():
-            self._last_seen = now
-        elif now - self._last_seen > LONGEST_ALONE:
-            raise workers_gone(f"there has been none for {LONGEST_ALONE:.0f} s")
+            return "the scheduler is gone"
+        if self.addresses():
+            self._last_seen = time.monotonic()
+        is_alone = time.monotonic() - self._last_seen > LONGEST_ALONE
+        return f"there has been none for {LONGEST_ALONE:.0f} s" if is_alone else ""
 
-    def dismiss(self) -> None:
-        """Let the workers let go of the job, each behind what it has in work."""
-        from distributed import fire_and_forget
-
-        self._executor.shutdown(wait=False)
-        for address in self._addresses():
-            fire_and_forget(self._client.submit(close_jobs, workers=[address], pure=False))
-
-    def _addresses(self) -> list[str]:
-        """Where the workers are that the scheduler knows; none while it does not answer."""
+    def addresses(self) -> list[str]:
+        """Return where the workers are that the scheduler knows; none while it does not answer."""
         try:
             return list(self._client.nthreads()) if self._client.status == "running" else []
         except (OSError, TimeoutError, CancelledError):
             return []
 
 
-@contextmanager
-def _waiting_told(what: str, address: str, warn: Callable[[str], None]) -> Iterator[None]:
-    """Tell the user that something is waited for, if it takes a moment."""
-    timer = threading.Timer(TOLD_AFTER, warn, [f"waiting up to {JOIN_TIMEOUT} s for {what} at {address}"])
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-
-
 def _greet(address: str) -> None:
     """Connect to a scheduler and leave: a client would wait for ever at a port that takes connections and is silent."""
-    import asyncio
-
     from distributed.comm import connect
     from distributed.security import Security
     from distributed.utils import LoopRunner
@@ -162,8 +120,7 @@ def _quiet() -> Iterator[None]:
     import distributed  # noqa: F401 - sets levels of its own, when it is loaded
 
     parts = ("distributed", "tornado", "asyncio")
-    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in parts]
-    loggers = [logging.getLogger(name) for name in names]
+    loggers = [logging.getLogger(name) for name in [*logging.root.manager.loggerDict] if name.split(".")[0] in parts]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)

@@ -1,29 +1,35 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Engine: where tasks are done, in this process, in several of this machine, or on a dask cluster."""
+"""Engine: where tasks are done, in this process, in several of this machine, or on a dask cluster; and in which order.
+
+A job is opened by each process when its first task comes, and kept for those that follow.
+"""
 
 import multiprocessing
 import os
 import signal
 import threading
 import uuid
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib.util import find_spec
 from itertools import chain, islice
 from typing import Any, Protocol, Self, TypeVar
 
-from maxcon._system.job import Job, Opening, do_task, workers_gone
-from maxcon.errors import MaxconError, OptionError
+from maxcon._system.version import __version__
+from maxcon.errors import MaxconError, MissingExtraError, OptionError
 
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
+ResultT_co = TypeVar("ResultT_co", covariant=True)
 
-Run = Callable[[Job[Any, Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
-"""Runs a job."""
-
+MOST_JOBS = 2
+"""Kept open by a worker, with the tiles of their maps; two, for two who use the same cluster."""
 ALLOWED_DEATHS = 3
 """Times that a task may end its worker and is tried again; four in turn are no accident."""
 LOST = "each worker that was given it ended: it crashes, or memory is short"
@@ -36,8 +42,27 @@ def n_processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _nobody(line: str) -> None:
-    pass
+class Job(Protocol[TaskT, ResultT_co]):
+    """A kind of work, opened once by each process that takes part. A task done twice gives the same result twice.
+
+    It travels to each process: paths, names and options, but no maps and no scans.
+    """
+
+    def open(self) -> Callable[[TaskT], ResultT_co]:
+        """Open what the tasks need; return what does one of them."""
+        ...
+
+    def split(self, task: TaskT) -> Sequence[TaskT]:
+        """Return the smallest tasks that do the same; the task itself where it cannot be split."""
+        ...
+
+    def lost(self, task: TaskT, reason: str) -> ResultT_co:
+        """Return what stands for the result of a task, one of `split`, that ends every process it is given to."""
+        ...
+
+
+Run = Callable[[Job[Any, Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
+"""Runs a job."""
 
 
 @dataclass(frozen=True)
@@ -53,22 +78,19 @@ class Engine:
 
     n_workers: int | None = None
     scheduler: str | None = None
-    warn: Callable[[str], None] = field(default=_nobody, compare=False)
+    warn: Callable[[str], None] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        if self.n_workers is not None and self.scheduler is not None:
+        if self.n_workers is not None and (self.scheduler is not None or self.n_workers < 1):
             raise OptionError(
-                "Expected either a number of workers on this machine or the address of a scheduler, got both. Leave out"
-                " --workers or --scheduler."
+                "Expected either at least one worker on this machine or the address of a scheduler, got"
+                f" {self.n_workers} and {self.scheduler}. Leave out --workers or --scheduler."
             )
-        if self.n_workers is not None and self.n_workers < 1:
-            raise OptionError(
-                f"Expected at least one process, got {self.n_workers}. Leave it out for one per processor."
+        if self.scheduler is not None and find_spec("distributed") is None:
+            raise MissingExtraError(
+                "Expected dask.distributed for workers of a cluster, but it is not installed:"
+                " pip install 'maxcon[engine]'"
             )
-        if self.scheduler is not None:
-            from maxcon._system.cluster import check_dask
-
-            check_dask()
 
     @property
     def is_in_process(self) -> bool:
@@ -84,11 +106,7 @@ class Engine:
 
         A worker that ends is replaced, and its tasks are done anew. A task that ends four in turn is split once
         everything else is done, and each part is tried alone; a part that again ends four has the result that the
-        job gives for lost ones.
-
-        job: what is to be done.
-        tasks: taken as workers become free.
-        n_tasks: how many there are, or may be: no more processes are started.
+        job gives for lost ones. Tasks are taken as workers become free; no more than `n_tasks` processes are started.
         """
         with self.started(n_tasks) as run:
             yield from run(job, tasks)
@@ -101,11 +119,11 @@ class Engine:
             yield _here
             return
         if n_local:
-            started: AbstractContextManager[Workers] = Processes(n_local)
+            started: AbstractContextManager[Any] = Processes(n_local)
         else:
             from maxcon._system.cluster import joined_cluster
 
-            started = joined_cluster(str(self.scheduler), self.warn)
+            started = joined_cluster(str(self.scheduler), close_jobs, self.warn)
         with started as workers:
             yield lambda job, tasks: _results(workers, job, tasks)
 
@@ -125,67 +143,88 @@ def _here(job: Job[TaskT, ResultT], tasks: Iterable[TaskT]) -> Iterator[tuple[Ta
         yield task, result
 
 
-class Workers(Protocol):
-    """Processes that do tasks, here or elsewhere."""
-
-    lost: type[Exception]
-    """Raised by the future of a task whose worker ended."""
-    allowed_deaths: int
-    """Times that such a task is submitted again."""
-
-    @property
-    def n_ahead(self) -> int:
-        """Tasks to submit before the first is done: enough to keep all busy, few enough to stop at once."""
-        ...
-
-    def submit(self, opening: Opening, task: Any) -> Future[Any]:
-        """Let one of them do a task."""
-        ...
-
-    def check(self) -> None:
-        """Refuse to wait any longer where none is left; MaxconError if so."""
-        ...
-
-
-def _results(workers: Workers, job: Job[Any, Any], tasks: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-    """Yield each task, or the parts of one that was split, with its result."""
+def _results(workers: Any, job: Job[Any, Any], tasks: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+    """Yield each task, or the parts of one that was split, with its result from `Processes` or a `Cluster`."""
     opening = Opening(uuid.uuid4().hex, job)
     suspects: list[Any] = []
     lost: list[Any] = []
-    yield from _done(workers, opening, tasks, suspects)
+    yield from _done(workers, opening, tasks, suspects, None)
     parts = chain.from_iterable(map(job.split, suspects))  # ended by one of them, or by what was at work beside it
-    yield from _done(workers, opening, parts, lost, n_ahead=1)
+    yield from _done(workers, opening, parts, lost, 1)
     for task in lost:
         yield task, job.lost(task, LOST)
 
 
 def _done(
-    workers: Workers, opening: Opening, tasks: Iterable[Any], suspects: list[Any], n_ahead: int | None = None
+    workers: Any, opening: "Opening", tasks: Iterable[Any], suspects: list[Any], n_ahead: int | None
 ) -> Iterator[tuple[Any, Any]]:
     """Yield tasks with their results as they are done; append those to `suspects` that end their workers."""
     waiting = iter(tasks)
     begun: dict[Future[Any], tuple[Any, int]] = {}
     while True:
         for task in islice(waiting, max(0, (n_ahead or workers.n_ahead) - len(begun))):
-            begun[workers.submit(opening, task)] = task, 0
+            begun[workers.submit(do_task, opening, task)] = task, 0
         if not begun:
             return
         ended, _ = wait(begun, LOOK_EVERY, FIRST_COMPLETED)
-        if not ended:
-            workers.check()
+        if not ended and (what := workers.gone()):
+            raise _gone(what)
         for future in ended:
             task, n_deaths = begun.pop(future)
             try:
                 result = future.result()
             except workers.lost:
                 if n_deaths < workers.allowed_deaths:
-                    begun[workers.submit(opening, task)] = task, n_deaths + 1
+                    begun[workers.submit(do_task, opening, task)] = task, n_deaths + 1
                 else:
                     suspects.append(task)
                 continue
             except CancelledError as error:
-                raise workers_gone("the scheduler is gone") from error
+                raise _gone("the scheduler is gone") from error
             yield task, result
+
+
+def _gone(what: str) -> MaxconError:
+    return MaxconError(f"Expected the workers to live on, but {what}. What is done is kept: the same command goes on.")
+
+
+# --- a job in a worker ----------------------------------------------------------------------------------------
+
+# What is opened is used by one thread at a time, however many threads a worker was started with.
+_one_at_a_time = threading.Lock()
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """A job, known by the word that was made for it when it began, and the version of the maxcon that asks for it."""
+
+    token: str
+    job: Job[Any, Any] = field(compare=False)
+    version: str = field(default=__version__, compare=False)
+
+
+def do_task(opening: Opening, task: Any) -> Any:
+    """Do a task; its job is opened when the first one comes, and kept for those that follow."""
+    from threadpoolctl import threadpool_limits
+
+    with _one_at_a_time, threadpool_limits(1):
+        return _opened(opening)(task)
+
+
+def close_jobs() -> None:
+    """Let go of what is open in this process: a worker may outlive the job by weeks."""
+    with _one_at_a_time:
+        _opened.cache_clear()
+
+
+@lru_cache(maxsize=MOST_JOBS)
+def _opened(opening: Opening) -> Callable[[Any], Any]:
+    if opening.version != __version__:  # its rows would not be the same
+        raise OptionError(
+            f"Expected workers with maxcon {opening.version}, as here, got one with {__version__}. Install the same"
+            " everywhere."
+        )
+    return opening.job.open()
 
 
 # --- processes of this machine --------------------------------------------------------------------------------
@@ -194,8 +233,8 @@ def _done(
 class Processes:
     """A pool of processes of this machine, begun anew when one of them ends."""
 
-    lost: type[Exception] = BrokenProcessPool
-    allowed_deaths: int = ALLOWED_DEATHS
+    lost = BrokenProcessPool
+    allowed_deaths = ALLOWED_DEATHS
 
     def __init__(self, n_workers: int) -> None:
         self.n_ahead = 2 * n_workers
@@ -205,17 +244,18 @@ class Processes:
     def _begun(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self._n_workers, multiprocessing.get_context("spawn"), _begin_worker)
 
-    def submit(self, opening: Opening, task: Any) -> Future[Any]:
+    def submit(self, *call: Any) -> Future[Any]:
         """Let one of them do a task."""
         try:
-            return self._pool.submit(do_task, opening, task)
+            return self._pool.submit(*call)
         except BrokenProcessPool:
             self._pool.shutdown()
             self._pool = self._begun()
-            return self._pool.submit(do_task, opening, task)
+            return self._pool.submit(*call)
 
-    def check(self) -> None:
-        """A process that ends breaks the pool, and its futures say so."""
+    def gone(self) -> str:
+        """Say nothing: a process that ends breaks the pool, and its futures say so."""
+        return ""
 
     def __enter__(self) -> Self:
         try:
@@ -237,11 +277,39 @@ class Processes:
 def _begin_worker() -> None:
     """Leave interrupts of the terminal to the caller, and end with it, however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+    def end_with_parent() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+# --- in order -------------------------------------------------------------------------------------------------
+
+
+def ordered_map(
+    pool: ThreadPoolExecutor, work: Callable[[TaskT], ResultT], items: Iterable[TaskT], n_ahead: int
+) -> Iterator[ResultT]:
+    """Yield what is made of each item, in their order; at most `n_ahead` are begun before the first is asked for."""
+    begun: deque[Future[ResultT]] = deque()
+    for item in items:
+        begun.append(pool.submit(work, item))
+        if len(begun) >= n_ahead:
+            yield begun.popleft().result()
+    while begun:
+        yield begun.popleft().result()
+
+
+def in_order_of(items: Iterable[TaskT], results: Iterable[tuple[TaskT, ResultT]]) -> Iterator[ResultT]:
+    """Yield the results of items, which come with them in any order, in the order of the items; early ones wait."""
+    early: dict[TaskT, ResultT] = {}
+    coming = iter(results)
+    for item in items:
+        while item not in early:
+            done, result = next(coming)
+            early[done] = result
+        yield early.pop(item)
+    deque(coming, maxlen=0)  # let it end

@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""njit whose code is kept by the content of all kernels: a changed constant or helper renews whatever contains it.
+"""Compiled code: kept by the content of all kernels, told of when it is made, and what arrays it is made for.
 
-Numba itself looks at the file of a function only: code that holds an imported constant would stay as it was.
+Numba itself looks at the file of a function only: code that holds an imported constant would stay as it was. Here a
+changed constant or helper renews whatever contains it.
 """
 
 import hashlib
@@ -12,15 +13,21 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
+from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
 from numba.misc.appdirs import AppDirs
+from numpy.typing import NDArray
+
+from maxcon.errors import FileError
 
 PACKAGE = Path(__file__).parents[1]
 IMPORTS = re.compile(r"^from (maxcon[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
@@ -61,6 +68,44 @@ def code_folder() -> Path | None:
     return None
 
 
+@contextmanager
+def on_compilation(call: Callable[[], None]) -> Iterator[None]:
+    """Call `call` whenever a function of maxcon is compiled anew, not where its code is loaded, while this is open."""
+
+    class Listener(event.Listener):
+        def on_start(self, event: event.Event) -> None:
+            if event.data["dispatcher"].py_func.__module__.partition(".")[0] == "maxcon":
+                call()
+
+        def on_end(self, event: event.Event) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Listener()):  # type: ignore[no-untyped-call, unused-ignore]
+        yield
+
+
+def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the array in one piece, as a view that cannot be written.
+
+    Arrays of a tile that was read cannot be written, those in memory can: kernels would be compiled for either.
+    """
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view
+
+
+def checked_code_folder() -> Path:
+    """Return `code_folder`; FileError if what is compiled cannot be kept, or not where NUMBA_CACHE_DIR says."""
+    folder, named = code_folder(), os.environ.get("NUMBA_CACHE_DIR")
+    if folder is None:
+        what = f"{named}, which NUMBA_CACHE_DIR names," if named else "the user's own cache or the program's folder"
+        raise FileError(
+            f"Expected to be able to write compiled code into {what} but cannot. Name a folder that you can write in"
+            " NUMBA_CACHE_DIR."
+        )
+    return folder
+
+
 def content_of_kernels(package: Path) -> str:
     """Return a digest of numba's version and the sources of all kernels and of the constants that they import."""
     files, waiting = set(), sorted(package.rglob("*kernels.py"))
@@ -82,11 +127,9 @@ def content_of_kernels(package: Path) -> str:
 def _sweep(root: Path) -> None:
     """Remove the code of kernels that nobody has used for long."""
     for folder in root.glob(f"{PREFIX}*"):
-        try:
+        with suppress(OSError):  # another process is at it
             if time.time() - folder.stat().st_mtime > UNUSED_SECONDS:
                 shutil.rmtree(folder)
-        except OSError:  # another process is at it
-            continue
 
 
 class _Locator(_CacheLocator):

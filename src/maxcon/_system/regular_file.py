@@ -12,14 +12,16 @@ from pathlib import Path
 
 def special_kind(mode: int) -> str:
     """Return the kind of what is neither file nor folder, from its `st_mode`."""
-    if stat.S_ISFIFO(mode):
-        return "FIFO"
-    return "socket" if stat.S_ISSOCK(mode) else "device"
+    return "FIFO" if stat.S_ISFIFO(mode) else "socket" if stat.S_ISSOCK(mode) else "device"
 
 
-def check_regular(path: str | os.PathLike[str]) -> None:
+def check_regular(path: str | os.PathLike[str], mode: int | None = None) -> None:
     """Refuse what is no file, before anything opens it; OSError, in words for an error of ours."""
-    _check(path, os.stat(path).st_mode)  # noqa: PTH116 - also names that are no Path
+    mode = Path(path).stat().st_mode if mode is None else mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, f"a {special_kind(mode)}, no file", str(path))
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
@@ -27,7 +29,7 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     descriptor = os.open(path, flags)
     try:
-        _check(path, os.fstat(descriptor).st_mode)
+        check_regular(path, os.fstat(descriptor).st_mode)
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
@@ -44,10 +46,3 @@ def sha256_of_file(path: str | os.PathLike[str]) -> str:
     """Return the SHA-256 of a file's bytes, in hexadecimal digits; errors as of `open_regular`."""
     with open_regular(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def _check(path: str | os.PathLike[str], mode: int) -> None:
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(Path(path)))
-    if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, f"a {special_kind(mode)}, no file", str(Path(path)))

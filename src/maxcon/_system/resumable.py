@@ -2,18 +2,22 @@
 # SPDX-License-Identifier: MIT
 """Work that may be killed at any moment and gone on with: its folder, its table, and whether it is the same work."""
 
+import hashlib
+import inspect
 import os
 import shutil
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from maxcon._system.atomic import LOCK, atomic_file, check_folder, locked, make_folder, sweep
-from maxcon.errors import FileError
+from maxcon.errors import FileError, OptionError
 
 if TYPE_CHECKING:
     import pyarrow
@@ -21,14 +25,10 @@ if TYPE_CHECKING:
 
 @contextmanager
 def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Iterator[None]:
-    """Hold a folder of work, made if it is not there, while the block runs.
+    """Hold a folder of work, `what` ("a study"), while the block runs; it is made if it is not there.
 
-    FileError if it cannot be written, holds something else, or another process is at work on it.
-
-    folder: of this work alone.
-    what: the work, for messages, e.g. "a study".
-    record: name of the file that says what the work is. The block writes it before any other file, so that a folder
-        with others and without it is somebody else's.
+    The block writes the file `record` before any other: a folder with others and without it is somebody else's.
+    FileError if so, or if it cannot be written, or another process is at work on it.
     """
     root = Path(folder)
     check_folder(root)
@@ -41,6 +41,55 @@ def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Itera
         yield
 
 
+# --- the same work? -------------------------------------------------------------------------------------------
+
+
+def describe(value: Any) -> Any:
+    """Describe an object as JSON can hold it: the name of its class and the values of its public fields, recursively.
+
+    Two methods of equal fields have the same description. OptionError if something in it has none: a function, say.
+    """
+    if isinstance(value, Enum | np.generic):
+        return describe(value.value if isinstance(value, Enum) else value.item())
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray):
+        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+        return {"class": "array", "type": str(value.dtype), "shape": list(value.shape), "sha256": digest}
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, tuple | list):
+        return [describe(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): describe(item) for key, item in value.items()}
+    kind = type(value)
+    is_ours = kind.__module__.startswith("maxcon.")
+    own = {"class": kind.__qualname__ if is_ours else f"{kind.__module__}.{kind.__qualname__}"}
+    if not is_ours:
+        own["source"] = _source(kind)
+    return own | {key: describe(item) for key, item in _fields(value).items()}
+
+
+def _source(kind: type) -> str:
+    """First 16 digits of the hash of the source of a user's class: it changes when the class is edited."""
+    try:
+        return hashlib.sha256(inspect.getsource(kind).encode()).hexdigest()[:16]
+    except (OSError, TypeError):
+        return "unknown"
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    """Public values of an object by their names."""
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value) if field.repr}
+    if not hasattr(value, "__dict__") or isinstance(value, type) or callable(value):
+        raise OptionError(
+            f"Expected a method made of numbers, words and objects of such, got {value!r} in it, which cannot be"
+            " written down. Make it a dataclass, or hide it behind an underscore."
+        )
+    return {key: item for key, item in sorted(vars(value).items()) if not key.startswith("_")}
+
+
 def differences(before: Any, now: Any, where: str = "") -> str:
     """Say what differs between two descriptions, values by names: "space.half_width 3.0, got 3.6"."""
     if not (isinstance(before, dict) and isinstance(now, dict)):
@@ -49,12 +98,14 @@ def differences(before: Any, now: Any, where: str = "") -> str:
     return "; ".join(differences(before.get(key), now.get(key), f"{where}.{key}".strip(".")) for key in keys)
 
 
+# --- a table --------------------------------------------------------------------------------------------------
+
+
 class ResumableTable:
     """Parquet table that grows by parts, each whole or not there, which are merged into one file in the end (D10).
 
     path: of the merged file.
     parts: folder of the parts, of this table alone.
-    schema: of the table.
     keys: columns that name a row. Rows are in their order; of equal keys the merged row counts, then any.
     what: the table, for messages, e.g. "poses of a drive".
     """
@@ -74,9 +125,8 @@ class ResumableTable:
         """Write rows as one more part; values left out are null. FileError if it cannot be written."""
         import pyarrow
 
-        make_folder(self.parts)
         table = pyarrow.Table.from_pylist([dict(row) for row in rows], schema=self._schema)
-        self._write(self.parts / f"{uuid.uuid4().hex}.parquet", table)
+        _write(self.parts / f"{uuid.uuid4().hex}.parquet", table)
 
     def read(self) -> "pyarrow.Table":
         """Return all rows, merged or not, each key once, in order; FileError if a file is broken."""
@@ -87,9 +137,8 @@ class ResumableTable:
         table = pyarrow.concat_tables(tables)
         rows = zip(*(table.column(name).to_pylist() for name in self._keys), strict=True)
         first = {key: row for row, key in reversed(list(enumerate(rows)))}
-        return table.take(pyarrow.array(np.sort(list(first.values())), pyarrow.int64())).sort_by(
-            [(name, "ascending") for name in self._keys]
-        )
+        kept = table.take(pyarrow.array(sorted(first.values()), pyarrow.int64()))
+        return kept.sort_by([(name, "ascending") for name in self._keys])
 
     def read_file(self, path: Path, columns: Sequence[str] | None = None) -> "pyarrow.Table":
         """Return the rows of a file of this table, or some columns of them; FileError if it is broken."""
@@ -110,9 +159,8 @@ class ResumableTable:
         """Put all rows into the merged file, remove the parts, and return the rows; FileError if it cannot be done."""
         table = self.read()
         if self.part_paths() or not self.path.exists():
-            make_folder(self.path.parent)
             sweep(self.path.parent, self.path.name)
-            self._write(self.path, table)
+            _write(self.path, table)
         self.clear()
         return table
 
@@ -120,9 +168,10 @@ class ResumableTable:
         """Remove the parts, with what a kill may have left half written among them."""
         shutil.rmtree(self.parts, ignore_errors=True)
 
-    @staticmethod
-    def _write(path: Path, table: "pyarrow.Table") -> None:
-        import pyarrow.parquet
 
-        with atomic_file(path) as partial:
-            pyarrow.parquet.write_table(table, partial, compression="zstd")
+def _write(path: Path, table: "pyarrow.Table") -> None:
+    import pyarrow.parquet
+
+    make_folder(path.parent)
+    with atomic_file(path) as partial:
+        pyarrow.parquet.write_table(table, partial, compression="zstd")

@@ -10,8 +10,7 @@ import typer
 from maxcon.cli import laboratory, maps, preparation
 from maxcon.cli.export import export
 from maxcon.cli.flags import GroupedCommand
-from maxcon.cli.localize import localize
-from maxcon.cli.relocalize import relocalize
+from maxcon.cli.localize import localize, relocalize
 from maxcon.cli.terminal import stopping_in_order
 from maxcon.errors import MaxconError
 

@@ -1,98 +1,198 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What `maxcon localize` reads: scans, priors and odometry, each from files or from a recording."""
+"""A drive opened as the options of `maxcon localize` say, in this process or in a worker: its inputs and its method."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-import typer
-
-from maxcon.cli.options import MotionOptions, RecordingOptions
+from maxcon.cli.flags import check_exclusive, check_needs
+from maxcon.cli.options import Certainty, MethodOptions, MotionOptions, RecordingOptions, SpaceOptions, parse_objective
 from maxcon.cli.terminal import step_bars
-from maxcon.errors import MapError, OptionError, TrajectoryError
+from maxcon.errors import MapError, MaxconError, OptionError, TrajectoryError
 
 if TYPE_CHECKING:
-    from maxcon.drive.many import DriveEntry
-    from maxcon.io.raw_scan import MergedScans
+    from maxcon._system.engine import Engine
+    from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate
+    from maxcon.drive.many import DriveEntry, DriveTask
+    from maxcon.drive.within_sigmas import WithinSigmas
     from maxcon.io.scans import Scans
+    from maxcon.localizer import MaximumConsensus
     from maxcon.map import PointMap
     from maxcon.scan.mounting import Mounting
     from maxcon.scan.trajectory import Trajectory
 
 
-@dataclass(frozen=True, slots=True)
-class DriveInputs:
-    """The inputs of a drive, and in words what was taken from a recording."""
+@dataclass(frozen=True)
+class DriveOpener:
+    """The options of `maxcon localize` that are not of one drive; it is sent to the workers."""
 
-    scans: "Scans"
-    prior: "Trajectory"
-    odometry: "Trajectory | None"
-    words: tuple[str, ...]
-    left_out: tuple[str, ...] = ()
+    method: MethodOptions
+    space: SpaceOptions
+    recording: RecordingOptions
+    motion: MotionOptions
+    drive: "DriveOptions"
+    certainty: Certainty
+    threads: int = field(repr=False)  # of no effect on the rows: not written down with them
 
-    @classmethod
-    def open(
-        cls,
-        point_map: "PointMap",
-        entry: "DriveEntry",
-        max_gap: float,
-        options: RecordingOptions,
-        motion: MotionOptions,
-        *,
-        quiet: bool = False,
-    ) -> "DriveInputs":
-        """Return the inputs of a drive; OptionError if there is no prior, or an option has nothing to act on."""
+    @property
+    def is_track(self) -> bool:
+        """Whether an epoch needs those before it."""
+        return self.motion.track
+
+    def open_map(self, path: Path | str) -> "PointMap":
+        """Open a map."""
+        from maxcon.map import PointMap
+        from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED
+
+        return PointMap.open(path, left_out=ALL_BUT_KNOWN if self.method.known_only else NOT_SEARCHED)
+
+    def open(self, entry: "DriveEntry", point_map: "PointMap", *, quiet: bool = True) -> "OpenedDrive":
+        """Return a drive with its inputs opened; MaxconError if one cannot be read, or an option does not fit it."""
+        from maxcon.integrity import Trust
         from maxcon.io.raw_scan import DeskewedScans
-        from maxcon.io.scans import open_scans
+        from maxcon.localizer import MaximumConsensus
         from maxcon.scan.mounting import read_mounting
 
-        options.check()
-        motion.check_turn_time()
-        mounting = None if options.mounting is None else read_mounting(options.mounting)
-        if mounting is not None and mounting.scanners:
-            opened: Scans = _of_scanners(entry, options, motion, mounting)
-        else:
-            opened = open_scans(entry.scans, entry.times, topic=options.topic, at_stamp=options.at_stamp)
-        frame = _frame_of(opened) if mounting is None else ""
-        prior, prior_words, left_out = _prior(point_map, entry, options, mounting, frame)
-        odometry, odometry_words = _odometry(entry.odometry, options, frame)
-        if mounting is not None and odometry is not None:
-            odometry = mounting.of_odometry(odometry)
-        words = [*_words_of(opened, quiet), prior_words, odometry_words]
-        if motion.deskew:
-            opened = DeskewedScans(opened, prior if odometry is None else odometry, max_gap, motion.turn_time)
+        mounting = None if self.recording.mounting is None else read_mounting(self.recording.mounting)
+        scans = self._scans(entry, mounting)
+        frame = _frame_of(scans) if mounting is None else ""
+        prior = _prior(point_map, entry, self.recording, mounting, frame)
+        odometry, odometry_words = _odometry(entry.odometry, self.recording, mounting, frame)
+        words = [*_words_of(scans, quiet), prior.words, odometry_words]
+        if self.motion.deskew:
+            source = prior.trajectory if odometry is None else odometry
+            scans = DeskewedScans(scans, source, self.drive.max_gap, self.motion.turn_time)
             words.append(f"deskewed by the {'prior' if odometry is None else 'odometry'}")
-        return cls(opened, prior, odometry, tuple(filter(None, words)), left_out)
 
-    def tell(self) -> None:
-        """Print what was taken from a recording."""
-        for line in self.words:
-            typer.echo(line)
-
-
-def _of_scanners(
-    entry: "DriveEntry", options: RecordingOptions, motion: MotionOptions, mounting: "Mounting"
-) -> "MergedScans":
-    """The scans of several scanners, in the vehicle's frame."""
-    from maxcon.io.raw_scan import MergedScans
-    from maxcon.io.scans import open_scans
-
-    given = {"--topic": options.topic, "--times": entry.times, "--turn-time": motion.turn_time}
-    for name in [name for name, value in given.items() if value is not None]:
-        raise OptionError(
-            f"Expected several scanners, as {options.mounting} tells of them, got {name}, which is for one. Leave it"
-            " out."
+        how, certainty = self.method, self.certainty
+        method = MaximumConsensus(
+            self.space.fixed(),
+            objective=parse_objective(how.objective),
+            multiplicity=how.multiplicity,
+            n_threads=self.threads if self.is_track else 1,
+            trust=Trust(certainty.least_share, certainty.largest_runner_up),
+            weighting=how.weighting,
+            search=how.search,
+            thinning=how.thinning,
+            refinement=how.refinement,
+            wider=self.space.wider,
+            risk=certainty.risk,
         )
-    scanners = mounting.scanners
-    opened = [
-        open_scans(scanner.scans or entry.scans, topic=scanner.topic, at_stamp=options.at_stamp) for scanner in scanners
-    ]
-    return MergedScans(
-        opened, [scanner.T_vehicle_sensor for scanner in scanners], [scanner.name for scanner in scanners]
-    )
+        windows = self.space.within_sigmas(method, prior.trajectory, self.drive.max_gap, track=self.is_track)
+        if self.is_track and windows is not None:
+            method, windows = windows.at(float(prior.trajectory.times[0])), None
+        told = tuple(filter(None, words))
+        return OpenedDrive(self, entry, point_map, scans, prior, odometry, told, method, windows)
+
+    def _scans(self, entry: "DriveEntry", mounting: "Mounting | None") -> "Scans":
+        """The scans of a drive; of several scanners in the vehicle's frame."""
+        from maxcon.io.raw_scan import MergedScans
+        from maxcon.io.scans import open_scans
+
+        options = self.recording
+        if mounting is None or not mounting.scanners:
+            return open_scans(entry.scans, entry.times, topic=options.topic, at_stamp=options.at_stamp)
+        of_one = {"--topic": options.topic, "--times": entry.times, "--turn-time": self.motion.turn_time}
+        check_exclusive({f"several scanners, as in {options.mounting},": True}, of_one)
+        parts = mounting.scanners
+        opened = [open_scans(part.scans or entry.scans, topic=part.topic, at_stamp=options.at_stamp) for part in parts]
+        return MergedScans(opened, [part.T_vehicle_sensor for part in parts], [part.name for part in parts])
+
+
+@dataclass
+class OpenedDrive:
+    """A drive with its inputs opened; its priors are looked at when the first epoch is asked for.
+
+    prior, odometry: of the scanner.
+    words: what was taken from a recording.
+    method, windows: the first searches, or the other, within standard deviations of each prior.
+    """
+
+    opener: DriveOpener
+    entry: "DriveEntry"
+    point_map: "PointMap"
+    scans: "Scans"
+    prior: "Prior"
+    odometry: "Trajectory | None"
+    words: tuple[str, ...]
+    method: "MaximumConsensus"
+    windows: "WithinSigmas | None"
+
+    def estimates(self, first: int = 0, last: int | None = None) -> "Iterator[EpochEstimate]":
+        """Localize the epochs `first` to `last` - 1; a track from its beginning to its end.
+
+        What cannot work is said at once, with the files.
+        """
+        if not self.opener.is_track:
+            return self.drive.estimates(first, len(self.scans) if last is None else last, self.opener.threads)
+        from maxcon.drive.localize import track_drive
+        from maxcon.drive.motion import MotionNoise
+        from maxcon.drive.tracker import Tracker
+
+        prior, drift = self.prior.trajectory, self.opener.motion.drift
+        noise = MotionNoise() if drift is None else MotionNoise(share=drift)
+        tracker = Tracker(self.method, MotionNoise.of_prior(prior) if self.odometry is None else noise)
+        with self._naming_files():
+            return track_drive(self.point_map, self.scans, prior, tracker, self.odometry, self.opener.drive)
+
+    @cached_property
+    def drive(self) -> "Drive":
+        """The drive with its priors found; what cannot work is said, with the files."""
+        from maxcon.drive.localize import Drive
+
+        searching = self.windows or self.method
+        with self._naming_files():
+            return Drive.of(self.point_map, self.scans, self.prior.trajectory, searching, self.opener.drive)
+
+    def with_points(self, epoch: "EpochEstimate") -> "EpochEstimate":
+        """Return an answer that came back without its points with them."""
+        from maxcon.drive.localize import read_epoch, scan_of
+
+        raw, _ = read_epoch(self.scans, epoch.epoch, self.opener.drive)
+        return replace(epoch, raw=raw, scan=scan_of(raw))
+
+    @contextmanager
+    def _naming_files(self) -> Iterator[None]:
+        """Put the names of the files before what the library says of a prior that fits neither scans nor map."""
+        prior = self.entry.odometry or self.entry.prior or self.entry.scans
+        try:
+            yield
+        except TrajectoryError as error:
+            raise TrajectoryError(f"{prior} and {self.entry.scans}: {error}") from error
+        except MapError as error:
+            raise MapError(f"{prior} and {self.entry.map}: {error}") from error
+
+
+def by_workers(
+    opened: OpenedDrive, engine: "Engine", first: int, with_points: frozenset[int]
+) -> "Iterator[EpochEstimate]":
+    """Yield the epochs of a drive from one on, in order, localized by the workers of an engine.
+
+    Points stay with the workers; those of the epochs `with_points` are read once more.
+    """
+    from maxcon._system.engine import in_order_of
+    from maxcon.drive.many import tasks_of
+
+    epochs = range(first, len(opened.drive.scans))  # what cannot work is said before anything is started
+    found = in_order_of(epochs, _done(opened, engine, list(tasks_of(opened.entry, epochs))))
+    return (opened.with_points(epoch) if epoch.epoch in with_points else epoch for epoch in found)
+
+
+def _done(opened: OpenedDrive, engine: "Engine", tasks: "list[DriveTask]") -> "Iterator[tuple[int, EpochEstimate]]":
+    """Yield epochs with their numbers as they are done; MaxconError where a task cannot be."""
+    from maxcon.drive.many import ManyDrivesJob
+
+    for _, found in engine.run(ManyDrivesJob(opened.opener), tasks, len(tasks)):
+        if isinstance(found, str):
+            raise MaxconError(found)
+        yield from ((epoch.epoch, epoch) for epoch in found)
+
+
+# --- scans, prior, odometry -----------------------------------------------------------------------------------
 
 
 def _frame_of(scans: "Scans") -> str:
@@ -110,10 +210,18 @@ def _words_of(scans: "Scans", quiet: bool) -> list[str]:
     words = []
     for part in scans.scanners if isinstance(scans, MergedScans) else (scans,):
         if isinstance(part, RecordedScans):
-            with step_bars("scans", quiet) as report:
+            with step_bars(quiet) as report:
                 part.find_times(report)
             words.append(part.words)
     return [*words, scans.words] if isinstance(scans, MergedScans) else words
+
+
+class Prior(NamedTuple):
+    """Rough poses of the scanner; what they are in words, where that is not plain; rows that are no poses."""
+
+    trajectory: "Trajectory"
+    words: str = ""
+    left_out: tuple[str, ...] = ()
 
 
 def _prior(
@@ -122,33 +230,32 @@ def _prior(
     options: RecordingOptions,
     mounting: "Mounting | None",
     sensor_frame: str,
-) -> "tuple[Trajectory, str, tuple[str, ...]]":
-    """The prior of the scanner; what it is in words, where that is not plain; rows that are no poses."""
+) -> Prior:
     from maxcon.io.geographic_priors import is_geographic
     from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.trajectories import read_prior
 
-    prior = entry.prior
-    source = entry.scans if prior is None else prior
+    source = entry.prior or entry.scans
     if is_recording(source) and source.suffix.lower() != CAPTURE_SUFFIX:
         return _recorded_prior(source, point_map, options, mounting, sensor_frame)
-    if prior is None:
+    if entry.prior is None:
         raise OptionError(
             f"Expected --prior with rough poses beside {entry.scans}, got none. Give it; only recordings with poses in"
             " them do without."
         )
     of_recordings = {"--prior-topic": options.prior_topic, "--prior-frames": options.prior_frames}
-    _check_without(of_recordings, "a recording", prior)
-    if not is_recording(prior) and is_geographic(prior):
-        return _geographic_prior(prior, point_map, options, mounting)
-    _check_without({"--geoid-height": options.geoid_height}, "a receiver (in latitude and longitude)", prior)
-    read = read_prior(prior)
-    return _of_sensor(read.trajectory, mounting), "", read.left_out
+    check_exclusive({f"the prior {source}, which is no recording,": True}, of_recordings)
+    if not is_recording(source) and is_geographic(source):
+        return _geographic_prior(source, point_map, options, mounting)
+    of_receivers = {"--geoid-height": options.geoid_height}
+    check_exclusive({f"the prior {source}, which is not in latitude and longitude,": True}, of_receivers)
+    read = read_prior(source)
+    return Prior(read.trajectory if mounting is None else mounting.of_prior(read.trajectory), "", read.left_out)
 
 
 def _recorded_prior(
     source: Path, point_map: "PointMap", options: RecordingOptions, mounting: "Mounting | None", sensor_frame: str
-) -> "tuple[Trajectory, str, tuple[str, ...]]":
+) -> Prior:
     from maxcon.drive.diagnosis import check_heights
     from maxcon.io.recordings.poses import read_recorded_poses
     from maxcon.io.recordings.transforms import parse_frames
@@ -158,65 +265,50 @@ def _recorded_prior(
         source, options.prior_topic, point_map.frame.crs, options.geoid_height,
         are_sure=mounting is not None, frames=frames, sensor_frame=sensor_frame,
     )  # fmt: skip
-    trajectory = _of_sensor(poses.trajectory, mounting, has_orientations=poses.has_orientations)
+    trajectory = poses.trajectory
+    if mounting is not None:
+        trajectory = mounting.of_prior(trajectory, has_orientations=poses.has_orientations)
     if poses.has_ellipsoidal_heights:
         check_heights(point_map, trajectory)
-    return trajectory, f"prior: {poses.words}", ()
+    return Prior(trajectory, f"prior: {poses.words}")
 
 
 def _geographic_prior(
-    prior: Path, point_map: "PointMap", options: RecordingOptions, mounting: "Mounting | None"
-) -> "tuple[Trajectory, str, tuple[str, ...]]":
+    source: Path, point_map: "PointMap", options: RecordingOptions, mounting: "Mounting | None"
+) -> Prior:
     from maxcon.drive.diagnosis import check_heights
     from maxcon.io.fixes import Heights
     from maxcon.io.geographic_priors import read_geographic_prior
 
-    placed = read_geographic_prior(prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None)
-    trajectory = _of_sensor(placed.trajectory, mounting, has_orientations=placed.has_orientations)
+    placed = read_geographic_prior(source, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None)
+    trajectory = placed.trajectory
+    if mounting is not None:
+        trajectory = mounting.of_prior(trajectory, has_orientations=placed.has_orientations)
     if placed.heights is not None:
         check_heights(point_map, trajectory, are_orthometric=placed.heights is Heights.ORTHOMETRIC)
-    return trajectory, f"prior: {placed.words}", placed.left_out
+    return Prior(trajectory, f"prior: {placed.words}", placed.left_out)
 
 
-def _check_without(given: Mapping[str, object], what: str, prior: Path) -> None:
-    """Refuse options that act on priors of another kind."""
-    for name in [name for name, value in given.items() if value is not None]:
-        raise OptionError(f"Expected {name} with priors of {what}, got it with {prior}. Leave it out.")
-
-
-def _of_sensor(trajectory: "Trajectory", mounting: "Mounting | None", *, has_orientations: bool = True) -> "Trajectory":
-    """The poses of the scanner, from those of what the prior is of."""
-    if mounting is None:
-        return trajectory
-    return mounting.of_prior(trajectory, has_orientations=has_orientations)
-
-
-def _odometry(odometry: Path | None, options: RecordingOptions, sensor_frame: str) -> "tuple[Trajectory | None, str]":
+def _odometry(
+    source: Path | None, options: RecordingOptions, mounting: "Mounting | None", sensor_frame: str
+) -> "tuple[Trajectory | None, str]":
+    """The odometry of the scanner, if there is any, and what of a recording it is."""
     from maxcon.io.recordings.opening import is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
     from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_trajectory
 
-    topic, frames = options.odometry_topic, options.odometry_frames
-    if odometry is None or not is_recording(odometry):
-        for name, value in (("topic", topic), ("frames", frames)):
-            if value is not None:
-                raise OptionError(
-                    f"Expected --odometry-{name} together with --odometry and a recording, got it alone. Add that, or"
-                    " leave it out."
-                )
-        return None if odometry is None else read_trajectory(odometry), ""
-    parsed = None if frames is None else parse_frames(frames, "--odometry-frames")
-    poses = read_recorded_poses(odometry, topic, is_odometry=True, frames=parsed, sensor_frame=sensor_frame)
-    return poses.trajectory, f"odometry: {poses.words}"
-
-
-@contextmanager
-def naming_files(prior: Path, scans: Path, map_folder: Path | str) -> Iterator[None]:
-    """Put the names of the files before what the library says of a prior that fits neither scans nor map."""
-    try:
-        yield
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{prior} and {scans}: {error}") from error
-    except MapError as error:
-        raise MapError(f"{prior} and {map_folder}: {error}") from error
+    is_recorded = source is not None and is_recording(source)
+    asked = {"--odometry-topic": options.odometry_topic, "--odometry-frames": options.odometry_frames}
+    check_needs(asked, {"--odometry and a recording": is_recorded})
+    if source is None:
+        return None, ""
+    if not is_recorded:
+        trajectory, words = read_trajectory(source), ""
+    else:
+        frames = options.odometry_frames and parse_frames(options.odometry_frames, "--odometry-frames")
+        poses = read_recorded_poses(
+            source, options.odometry_topic, is_odometry=True, frames=frames or None, sensor_frame=sensor_frame
+        )
+        trajectory, words = poses.trajectory, f"odometry: {poses.words}"
+    return trajectory if mounting is None else mounting.of_odometry(trajectory), words

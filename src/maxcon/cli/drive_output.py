@@ -4,7 +4,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ from maxcon.errors import FileError, MaxconError, OptionError
 
 if TYPE_CHECKING:
     from maxcon.drive.localize import DriveOptions, EpochEstimate, Method
-    from maxcon.drive.poses_table import GrowingTable, RowsThere
+    from maxcon.drive.poses_table import RowsThere
     from maxcon.drive.within_sigmas import WithinSigmas
     from maxcon.io.scans import Scans
     from maxcon.localizer import MaximumConsensus
@@ -29,30 +28,13 @@ N_PICTURES = 10
 # --- before the work -------------------------------------------------------------------------------------------
 
 
-def check_outputs(
-    out: Path,
-    table: TableOptions,
-    *,
-    prior: Path | None = None,
-    plot: Path | None = None,
-    plot_epochs: str | None = None,
-    track: bool = False,
-) -> None:
-    """Refuse outputs that cannot be written, or would replace anything unasked, and options without effect."""
+def check_outputs(out: Path, table: TableOptions, *, prior: Path | None = None, plot: Path | None = None) -> None:
+    """Refuse outputs that cannot be written, or would replace anything unasked."""
     from maxcon._system.atomic import check_folder, check_writable
 
     named = [path.resolve() for path in (prior, out, table.tum) if path is not None]
     if len(set(named)) < len(named):
         raise OptionError("Expected different files as --prior, --out and --tum, got one twice. Rename one.")
-    if plot_epochs is not None and plot is None:
-        raise OptionError("Expected --plot DIR with --plot-epochs, got none. Name a folder for the pictures.")
-    if table.resume and table.overwrite:
-        raise OptionError("Expected either --resume or --overwrite, got both. Leave one out.")
-    if table.resume and track:
-        raise OptionError(
-            "Expected --resume without --track, got both: where a track was is not in the table. Begin anew with"
-            " --overwrite."
-        )
     for path in (out, table.tum):
         if path is not None:
             check_writable(path)
@@ -100,36 +82,25 @@ def written(
     from maxcon.drive.poses_table import GrowingTable
 
     epochs = []
-    with GrowingTable(out, there) as table, _kept_told(out, table, n_epochs):
-        with step_bars("epochs", quiet) as report, compiling_told(quiet):
-            for epoch in drive:
-                table.add(epoch)
-                if draw is not None:
-                    draw(epoch)
-                epochs.append(epoch.without_points())
-                report("localizing", there.n_rows + len(epochs), n_epochs)
+    with GrowingTable(out, there) as table:
+        try:
+            with step_bars(quiet) as report, compiling_told(quiet):
+                for epoch in drive:
+                    table.add(epoch)
+                    if draw is not None:
+                        draw(epoch)
+                    epochs.append(epoch.without_points())
+                    report("localizing", there.n_rows + len(epochs), n_epochs)
+        except (MaxconError, SystemExit) as error:  # the latter of a signal
+            kept = f"{table.n_rows} of {n_epochs} epochs are kept in {out}: go on with --resume"
+            if isinstance(error, SystemExit):
+                typer.echo(f"maxcon: stopped; {kept if table.n_rows else 'nothing was written'}", err=True)
+            elif table.n_rows:
+                raise type(error)(f"{error} {kept}.") from error
+            raise
         if table.n_rows == 0:
             raise FileError(epochs[0].reason)
     return epochs
-
-
-@contextmanager
-def _kept_told(out: Path, table: "GrowingTable", n_epochs: int) -> Iterator[None]:
-    """Say which rows are kept where a drive ends before its time."""
-    try:
-        yield
-    except MaxconError as error:
-        if table.n_rows == 0:
-            raise
-        raise type(error)(f"{error} {_kept(out, table, n_epochs)}.") from error
-    except SystemExit:  # a signal
-        kept = _kept(out, table, n_epochs) if table.n_rows else "nothing was written"
-        typer.echo(f"maxcon: stopped; {kept}", err=True)
-        raise
-
-
-def _kept(out: Path, table: "GrowingTable", n_epochs: int) -> str:
-    return f"{table.n_rows} of {n_epochs} epochs are kept in {out}: go on with --resume"
 
 
 def drawer(
@@ -203,13 +174,23 @@ def print_summary(
     track: bool = False,
 ) -> None:
     """Say how many epochs are localized, in which time and searched where, and why the others are not."""
+    from statistics import median
+
     if there.n_rows and not epochs:
         typer.echo(
             f"all {there.n_rows} epochs were in {out} already, {there.n_localized} of them localized. Nothing was done:"
             " prior, map and options of this call had no effect; --overwrite makes the table anew with them"
         )
         return
-    _print_localized(epochs, out, there)
+    taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
+    time = f", median {median(taken):.0f} ms" if taken else ""
+    others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
+    typer.echo(f"{len(epochs) - others.total()} of {len(epochs)} epochs localized{time}; written to {out}")
+    if there.n_rows:
+        typer.echo(
+            f"behind {there.n_rows} that were there, {there.n_localized} of them localized, with the prior, map and"
+            " options of their own call"
+        )
     first = next((number for number, epoch in enumerate(epochs) if epoch.pose_global is not None), 0)
     if track and first:
         typer.echo(f"the track begins with epoch {epochs[first].epoch}: before, it was not known where")
@@ -217,40 +198,21 @@ def print_summary(
         typer.echo(f"{len(left_out)} rows of the prior are left out; the first: {left_out[0]}")
     if searched:
         typer.echo(searched)
-    _print_points_left_out(epochs)
-    n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
-    if n_widened:
-        typer.echo(f"{n_widened} {'was' if n_widened == 1 else 'were'} in doubt and searched for farther around")
-    others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
-    for status, number in sorted(others.items()):
-        typer.echo(f"{number} {status.value}: {status.explanation}")
-    doubtful = [epoch for epoch in epochs if epoch.reason]
-    if doubtful:
-        first_one = doubtful[0]
-        typer.echo(f"{len(doubtful)} have a reason beside them; the first, epoch {first_one.epoch}: {first_one.reason}")
-
-
-def _print_localized(epochs: "list[EpochEstimate]", out: Path, there: "RowsThere") -> None:
-    from statistics import median
-
-    n_localized = sum(epoch.pose_global is not None for epoch in epochs)
-    taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
-    time = f", median {median(taken):.0f} ms" if taken else ""
-    typer.echo(f"{n_localized} of {len(epochs)} epochs localized{time}; written to {out}")
-    if there.n_rows:
-        typer.echo(
-            f"behind {there.n_rows} that were there, {there.n_localized} of them localized, with the prior, map and"
-            " options of their own call"
-        )
-
-
-def _print_points_left_out(epochs: "list[EpochEstimate]") -> None:
     n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
     n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
     n_repeated = sum(epoch.raw.n_dropped_duplicates for epoch in epochs)
     if n_invalid or n_out_of_range or n_repeated:
         repeated = f", {n_repeated:,} that come twice" if n_repeated else ""
         typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range{repeated}")
+    n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
+    if n_widened:
+        typer.echo(f"{n_widened} {'was' if n_widened == 1 else 'were'} in doubt and searched for farther around")
+    for status, number in sorted(others.items()):
+        typer.echo(f"{number} {status.value}: {status.explanation}")
+    doubtful = [epoch for epoch in epochs if epoch.reason]
+    if doubtful:
+        number, reason = doubtful[0].epoch, doubtful[0].reason
+        typer.echo(f"{len(doubtful)} have a reason beside them; the first, epoch {number}: {reason}")
 
 
 def print_alternative(

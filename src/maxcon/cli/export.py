@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.flags import OptionGroup, argument, flag, flags
+from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
 from maxcon.cli.options import AtStamp, RangeOptions, Topic
 from maxcon.errors import FileError, MapError, OptionError
 
@@ -43,13 +43,14 @@ def export(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file, if it is there.")] = False,
 ) -> None:
     """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
+    from maxcon.drive.poses_table import table_of_drive
     from maxcon.export import SCAN_SUFFIXES, export_poses, export_scans, read_rows
     from maxcon.io.scans import open_scans
 
     out, crs = what.out, what.crs
-    if crs is not None and what.map_folder is not None:
-        raise OptionError("Expected either --map or --crs, got both. Leave one out.")
-    table = _table(what.table, what.drive)
+    check_exclusive({"--map": what.map_folder}, {"--crs": crs})
+    check_needs({"--drive": what.drive}, {"a folder of many drives": what.table.is_dir()})
+    table = table_of_drive(what.table, what.drive) if what.table.is_dir() else what.table
     are_scans = out.suffix.lower() in SCAN_SUFFIXES
     if are_scans != (what.scans is not None):
         wanted = "--scans for" if are_scans else f"a {' or '.join(SCAN_SUFFIXES)} file with --scans, got"
@@ -66,19 +67,6 @@ def export(
         rows = export_poses(table, out, crs)
     n_localized = sum(row.pose is not None for row in rows)
     typer.echo(f"{n_localized} of {len(rows)} epochs have a pose{points}; written to {out}")
-
-
-def _table(path: Path, drive: str | None) -> Path:
-    """The file of a drive where a folder of many is named; else what is named."""
-    from maxcon.drive.poses_dataset import table_of_drive
-
-    if not path.is_dir():
-        if drive is not None:
-            raise OptionError(
-                f"Expected --drive with a folder of many drives (maxcon localize --drives), got {path}. Leave it out."
-            )
-        return path
-    return table_of_drive(path, drive)
 
 
 def _check_out(table: Path, out: Path, *, overwrite: bool) -> None:

@@ -1,16 +1,18 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Groups of options: dataclasses whose fields become flags, listed under the group's title in the help."""
+"""Groups of options: dataclasses whose fields become flags, under the group's title in the help; what excludes what."""
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Annotated, Any, ClassVar, dataclass_transform, get_args
 
 import typer
 from typer.core import TyperCommand
+
+from maxcon.errors import OptionError
 
 TITLES = (
     "Arguments", "Inputs", "Recordings and scanners", "Rounds", "Classes", "Method", "Search space", "Motion",
@@ -100,3 +102,23 @@ class GroupedCommand(TyperCommand):
             if records:
                 with formatter.section(title):
                     formatter.write_dl(records)
+
+
+def check_exclusive(*sides: Mapping[str, object]) -> None:
+    """Refuse options, by their names, of more than one side: OptionError."""
+    given = [name for side in sides for name in _given(side)[:1]]
+    if len(given) > 1:
+        raise OptionError(f"Expected either {given[0]} or {given[1]}, got both. Leave one out.")
+
+
+def check_needs(options: Mapping[str, object], needed: Mapping[str, object]) -> None:
+    """Refuse options where none of those is given that they act on: OptionError."""
+    given = _given(options)
+    if given and not _given(needed):
+        raise OptionError(
+            f"Expected {given[0]} together with {' or '.join(needed)}, got it alone. Add that, or leave it out."
+        )
+
+
+def _given(options: Mapping[str, object]) -> list[str]:
+    return [name for name, value in options.items() if value is not None and value is not False and value != []]

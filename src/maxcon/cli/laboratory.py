@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
-from maxcon.cli.flags import OptionGroup, argument, flag, flags
+from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
+from maxcon.cli.map_words import print_rows
 from maxcon.cli.options import Quiet, RangeOptions, WorkerOptions
 from maxcon.cli.terminal import compiling_told, step_bars, warn
-from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
-    from maxcon.io.recordings.writing import RecordingKind
     from maxcon.lab.dataset import Dataset
     from maxcon.lab.demo import MethodResult, WideResult
     from maxcon.lab.study import MethodStatistics, Study
@@ -41,7 +40,7 @@ class Simulated(OptionGroup):
         metavar="S",
     )
     seed: int = flag(0, "The same seed gives the same dataset.", min=0)
-    recording: str | None = flag(
+    recording: Literal["bag", "mcap"] | None = flag(
         None,
         "Also write the scans, with positions in latitude and longitude, as a recording: a ROS 1 bag or MCAP (extra"
         " recordings).",
@@ -49,17 +48,9 @@ class Simulated(OptionGroup):
     )
     overwrite: bool = flag(False, "Replace the folder if there is one.")
 
-    def check(self) -> None:
-        """Refuse options without effect: OptionError."""
-        for name, is_given in (("--hard", self.hard), ("--every", self.every is not None)):
-            if is_given and not self.campaign:
-                raise OptionError(
-                    f"Expected {name} together with --campaign, got it alone. Add --campaign, or leave it out."
-                )
-        if self.campaign and self.scene != "city":
-            raise OptionError(
-                f"Expected --campaign in the city, got it with --scene {self.scene}. Leave one of them out."
-            )
+    def __post_init__(self) -> None:
+        check_needs({"--hard": self.hard, "--every": self.every}, {"--campaign": self.campaign})
+        check_exclusive({"--campaign": self.campaign}, {f"--scene {self.scene}": self.scene != "city"})
 
 
 @flags
@@ -67,12 +58,14 @@ def simulate(what: Simulated, quiet: Quiet = False) -> None:
     """Simulate a city or a suburb: map clouds (LAZ), scans, reference and priors (TUM). Needs the extra demo."""
     from maxcon.lab import simulation
 
-    what.check()
-    kind = None if what.recording is None else _recording_kind(what.recording)
+    if what.recording is not None:
+        from maxcon.io.recordings.writing import check_writers
+
+        check_writers()
     options: dict[str, Any] = {"seed": what.seed, "overwrite": what.overwrite}
     if what.scanner is not None:
         options["scanner"] = simulation.ScannerLayout.parse(what.scanner).scanner()
-    with step_bars("", quiet) as report:
+    with step_bars(quiet) as report:
         options["progress"] = lambda done, total: report("simulating", done, total)
         if what.campaign:
             options |= {"every": what.every, "is_hard": what.hard}
@@ -82,38 +75,26 @@ def simulate(what: Simulated, quiet: Quiet = False) -> None:
         else:
             dataset = simulation.simulate(what.out, n_epochs=what.epochs or 40, **options)
     _print_parts(dataset)
-    if kind is not None:
+    if what.recording is not None:
+        from maxcon.io.recordings.writing import RecordingKind
         from maxcon.lab.simulation.recordings import record_dataset
 
-        typer.echo(f"{'recording':<12} {record_dataset(dataset, kind)}")
-
-
-def _recording_kind(name: str) -> "RecordingKind":
-    """The kind of recording of a name; what writes it is there, or it is said before the work is done."""
-    from maxcon.io.recordings.writing import RecordingKind, check_writers
-
-    kinds = [kind.value for kind in RecordingKind]
-    if name not in kinds:
-        raise OptionError(f"Expected --recording to be one of {', '.join(kinds)}, got {name!r}. Choose one of these.")
-    check_writers()
-    return RecordingKind(name)
+        print_rows([("recording", str(record_dataset(dataset, RecordingKind(what.recording))))])
 
 
 def _print_parts(dataset: "Dataset") -> None:
     """Name the parts of a dataset, one per line; a prior has its name where there are several."""
     typer.echo(f"{dataset.folder}")
     clouds = f"{dataset.map_clouds[0].parent}/*.laz ({len(dataset.map_clouds)} files, vehicles are class 64)"
-    parts: list[tuple[str, object]] = [("map clouds", clouds), ("mapping", dataset.map_trajectory)]
-    if dataset.map_sigma is not None:
-        parts.append(("map sigma", f"{dataset.map_sigma:g} m (map build --sigma {dataset.map_sigma:g})"))
-    parts += [("scans", dataset.scans), ("reference", dataset.reference)]
-    is_only = len(dataset.priors) == 1
-    parts += [("prior" if is_only else f"prior {name}", path) for name, path in dataset.priors.items()]
-    if dataset.odometry is not None:
-        parts.append(("odometry", dataset.odometry))
-    width = max(12, *(len(name) for name, _ in parts))
-    for name, path in parts:
-        typer.echo(f"{name:<{width}} {path}")
+    is_only, sigma = len(dataset.priors) == 1, dataset.map_sigma
+    parts = {
+        "map clouds": clouds, "mapping": dataset.map_trajectory,
+        "map sigma": None if sigma is None else f"{sigma:g} m (map build --sigma {sigma:g})",
+        "scans": dataset.scans, "reference": dataset.reference,
+        **{"prior" if is_only else f"prior {name}": path for name, path in dataset.priors.items()},
+        "odometry": dataset.odometry,
+    }  # fmt: skip
+    print_rows((name, str(part)) for name, part in parts.items() if part is not None)
 
 
 # --- demo ------------------------------------------------------------------------------------------------------
@@ -141,7 +122,7 @@ def demo(how: DemoOptions) -> None:
     lab.check_extras()
     check_replaceable(how.out, "a demo", lab.DEMO_NAMES)
     with (
-        step_bars("", how.quiet, has_lines=True) as progress,
+        step_bars(how.quiet, has_lines=True) as progress,
         compiling_told(how.quiet),
         atomic_folder(how.out, overwrite=True) as folder,
     ):
@@ -236,7 +217,7 @@ def study(
         chosen, missing = installed_methods(chosen)
         if missing:
             typer.echo(f"without {', '.join(missing)}: pip install 'maxcon[baselines]'")
-    with step_bars("", quiet) as report:
+    with step_bars(quiet) as report:
         done = run_study(
             opened,
             what.out,
@@ -307,7 +288,7 @@ def report(what: ReportOptions, quiet: Quiet = False) -> None:
     """Write the page of a study: claims, tables and figures in one file. Needs the extra demo."""
     from maxcon.lab.report.study_report import report_study
 
-    with step_bars("", quiet) as tell:
+    with step_bars(quiet) as tell:
         folder = report_study(
             what.study, what.out, figures=what.figures, dataset=what.dataset, prior=what.prior, progress=tell
         )

@@ -1,15 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""`maxcon localize`."""
+"""`maxcon localize` and `maxcon relocalize`."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.drive_opener import DriveOpener, by_workers
+from maxcon.cli.drive_inputs import DriveOpener, by_workers
 from maxcon.cli.drive_output import (
     check_outputs,
     drawer,
@@ -20,25 +21,33 @@ from maxcon.cli.drive_output import (
     write_trajectory,
     written,
 )
-from maxcon.cli.flags import OptionGroup, argument, flag, flags
+from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
 from maxcon.cli.options import (
+    AtStamp,
     Certainty,
     MethodOptions,
     MotionOptions,
     Quiet,
     RangeOptions,
     RecordingOptions,
+    Risk,
+    SpaceOptions,
     TableOptions,
     Times,
+    Topic,
     WorkerOptions,
     parse_objective,
 )
-from maxcon.cli.space_options import SpaceOptions
 from maxcon.cli.terminal import step_bars, warn
 from maxcon.errors import MaxconError, OptionError
 
 if TYPE_CHECKING:
     from maxcon._system.engine import Engine
+    from maxcon.drive.localize import EpochEstimate
+    from maxcon.map import PointMap
+
+
+# --- localize --------------------------------------------------------------------------------------------------
 
 
 class DriveFiles(OptionGroup, title="Inputs"):
@@ -84,6 +93,9 @@ class PictureOptions(OptionGroup, title="Output"):
     plot_epochs: str | None = flag(
         None, "Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.", metavar="LIST"
     )
+
+    def __post_init__(self) -> None:
+        check_needs({"--plot-epochs": self.plot_epochs}, {"--plot DIR": self.plot})
 
 
 @flags
@@ -134,33 +146,39 @@ def localize(
     parse_objective(method.objective)  # a wrong name is said before anything is read
     opener = DriveOpener(method, space, recording, motion, options, certainty, threads)
     if files.drives is not None:
-        _check_many(files, motion, time, table, pictures)
+        of_one = {
+            "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": time.times,
+            "--tum": table.tum, "--plot": pictures.plot, "--resume": table.resume, "--overwrite": table.overwrite,
+        }  # fmt: skip
+        check_exclusive({"--drives, where a table names files and a call goes on,": True}, of_one)
         _localize_many(files.drives, files.map_folder, files.out, opener, engine, quiet)
         return
     if files.map_folder is None or files.scans is None:
         missing = "MAP" if files.map_folder is None else "SCANS"
         raise OptionError(f"Expected MAP and SCANS, or --drives with a table of drives, got no {missing}. Name it.")
+    # Each epoch of a track needs the one before, and where a track was is not in the table.
+    has_workers = not engine.is_in_process
+    check_exclusive({"--track": motion.track}, {"--resume": table.resume, "--workers or --scheduler": has_workers})
+    check_needs({"--drift": motion.drift}, {"--odometry": motion.odometry})
     out, plot = files.out, pictures.plot
-    check_outputs(out, table, prior=files.prior, plot=plot, plot_epochs=pictures.plot_epochs, track=motion.track)
-    motion.check(is_shared=not engine.is_in_process)
+    check_outputs(out, table, prior=files.prior, plot=plot)
     entry = DriveEntry("", files.scans, files.map_folder, files.prior, time.times, motion.odometry)
-    opened = opener.open(entry, opener.open_map(files.map_folder), quiet=quiet)
-    point_map, inputs, searching = opened.point_map, opened.inputs, opened.windows or opened.method
-    there = rows_there(out, inputs.scans.times) if table.resume else RowsThere()
-    wanted = frozenset() if plot is None else parse_epochs(pictures.plot_epochs, opened.n_epochs)
-    draw = None if plot is None else drawer(plot, wanted, point_map, searching, method.objective)
-    started = (
-        opened.estimates(there.n_rows) if engine.is_in_process else by_workers(opened, engine, there.n_rows, wanted)
-    )
-    epochs = written(out, there, started, opened.n_epochs, quiet, draw)
-    inputs.tell()
-    searched = space.words(opened.windows, inputs.prior, epochs)
-    print_summary(epochs, out, searched, there=there, left_out=inputs.left_out, track=motion.track)
+    drive = opener.open(entry, opener.open_map(files.map_folder), quiet=quiet)
+    searching, n_epochs = drive.windows or drive.method, len(drive.scans)
+    there = rows_there(out, drive.scans.times) if table.resume else RowsThere()
+    wanted = frozenset() if plot is None else parse_epochs(pictures.plot_epochs, n_epochs)
+    draw = None if plot is None else drawer(plot, wanted, drive.point_map, searching, method.objective)
+    started = by_workers(drive, engine, there.n_rows, wanted) if has_workers else drive.estimates(there.n_rows)
+    epochs = written(out, there, started, n_epochs, quiet, draw)
+    for line in drive.words:
+        typer.echo(line)
+    searched = space.words(drive.windows, drive.prior.trajectory, epochs)
+    print_summary(epochs, out, searched, there=there, left_out=drive.prior.left_out, track=motion.track)
     if not there.n_localized:
-        print_alternative(point_map, inputs.scans, epochs, searching, options)
+        print_alternative(drive.point_map, drive.scans, epochs, searching, options)
     if table.tum is not None:
         write_trajectory(table.tum, out, there, epochs)
-    if not is_whole(epochs, there, opened.n_epochs, track=motion.track):
+    if not is_whole(epochs, there, n_epochs, track=motion.track):
         raise typer.Exit(1)
 
 
@@ -170,36 +188,6 @@ def _absolute(path: Path | None) -> Path | None:
     return path if path is None or address_of(path) else path.absolute()
 
 
-def _check_many(
-    files: DriveFiles, motion: MotionOptions, time: TimeOptions, table: TableOptions, pictures: PictureOptions
-) -> None:
-    """Refuse arguments of one drive beside a table of drives."""
-    alone: Mapping[str, object] = {
-        "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": time.times,
-        "--tum": table.tum, "--plot": pictures.plot, "--plot-epochs": pictures.plot_epochs,
-        "--resume": table.resume, "--overwrite": table.overwrite,
-    }  # fmt: skip
-    for name in [name for name, value in alone.items() if value]:
-        if name == "--resume":
-            raise OptionError(
-                "Expected --drives without --resume, got both: the same command goes on by itself where it was stopped."
-                " Leave --resume out."
-            )
-        if name == "--overwrite":
-            raise OptionError(
-                "Expected --drives without --overwrite, got both: what is there of drives is never replaced. To"
-                f" localize all anew remove {files.out} yourself, to do so with one its drive=NAME there; and leave"
-                " --overwrite out."
-            )
-        if name in ("--tum", "--plot", "--plot-epochs"):
-            instead = f"; when all is done: maxcon export {files.out} --drive NAME -o FILE.tum" * (name == "--tum")
-            raise OptionError(f"Expected {name} with one drive only, got it beside --drives. Leave it out{instead}.")
-        raise OptionError(
-            f"Expected each drive's files in the table of --drives and no {name} beside it, got both. Name the file in"
-            " the table, or leave --drives out."
-        )
-
-
 def _localize_many(
     drives: Path, map_folder: Path | None, out: Path, opener: DriveOpener, engine: "Engine", quiet: bool
 ) -> None:
@@ -207,7 +195,7 @@ def _localize_many(
     from maxcon.drive.many import ManyDrivesJob, localize_drives, read_drives
 
     entries = read_drives(drives, map_folder)
-    with step_bars("epochs", quiet) as report:
+    with step_bars(quiet) as report:
         done = localize_drives(entries, ManyDrivesJob(opener), out, engine, report)
     before = f", {done.n_epochs - done.n_new} of them were there" if done.n_epochs > done.n_new else ""
     typer.echo(
@@ -221,3 +209,123 @@ def _localize_many(
         )
     if done.n_localized < done.n_epochs:
         raise typer.Exit(1)
+
+
+# --- relocalize ------------------------------------------------------------------------------------------------
+
+
+class ScanFiles(OptionGroup, title="Recordings and scanners"):
+    """The map and the scans, and how these are read."""
+
+    map_folder: Path = argument(..., "Map made by `maxcon map build`, with ground.", "MAP")
+    scans: Path = argument(..., "Folder of scans, or a recording, as of `maxcon localize`.", "SCANS")
+    out: Path | None = flag(
+        None,
+        "Table to write, a row per epoch; if not given, a line is printed for each.",
+        "--out", "-o", metavar="POSES.csv", rich_help_panel="Output",
+    )  # fmt: skip
+    topic: Topic = None
+    at_stamp: AtStamp = False
+    times: Times = None
+
+
+class CircleOptions(OptionGroup, title="Search space"):
+    """The part of the map that is searched."""
+
+    around: str | None = flag(
+        None, "Look in a circle around this place alone, m, in the CRS of the map.", metavar="X,Y"
+    )
+    radius: float | None = flag(None, "Radius of that circle, m; 300 if not given.", metavar="M")
+
+    def __post_init__(self) -> None:
+        check_needs({"--radius": self.radius}, {"--around X,Y": self.around})
+
+    def local_middle(self, point_map: "PointMap") -> tuple[float, float] | None:
+        """Return the middle of the circle, local frame, m; None for the whole map."""
+        if self.around is None:
+            return None
+        try:
+            x, y = (float(word) for word in self.around.split(","))
+        except ValueError:
+            x, y = math.nan, math.nan
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise OptionError(
+                f"Expected --around X,Y, two coordinates in m in the CRS of the map, got {self.around!r}. Write them as"
+                " --around 549980,5801820."
+            )
+        east, north, _ = point_map.frame.to_local([[x, y, 0.0]])[0].tolist()
+        return east, north
+
+
+class PlaceCertainty(OptionGroup, title="Certainty"):
+    """From where on an answer is not trusted."""
+
+    least_share: float = flag(0.1, "An answer that fewer of the scan's points match is not trusted.", metavar="0..1")
+    largest_runner_up: float = flag(
+        0.8, "Ambiguous if the second best place scores more than this fraction of the best.", metavar="0..1"
+    )
+    risk: Risk = 0.01
+
+
+@flags
+def relocalize(
+    ranges: RangeOptions,
+    files: ScanFiles,
+    circle: CircleOptions,
+    certainty: PlaceCertainty,
+    table: TableOptions,
+    threads: Annotated[
+        int,
+        typer.Option(
+            min=1, help="Headings searched at once; the answers do not depend on it.", rich_help_panel="How it is done"
+        ),
+    ] = 1,
+    quiet: Quiet = False,
+) -> None:
+    """Find scans in a map without any prior: at any place of it, or in a circle, and at any heading.
+
+    Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
+    """
+    from maxcon.drive.localize import DriveOptions, relocalize_drive
+    from maxcon.drive.poses_table import RowsThere, rows_there
+    from maxcon.integrity import Trust
+    from maxcon.io.scans import open_scans
+    from maxcon.map import PointMap
+    from maxcon.relocalization import Relocalizer
+
+    out = files.out
+    of_table = {"--resume": table.resume, "--overwrite": table.overwrite, "--tum": table.tum}
+    check_needs(of_table, {"--out POSES.csv": out})
+    if out is not None:
+        check_outputs(out, table)
+    trust = Trust(certainty.least_share, certainty.largest_runner_up)
+    options = DriveOptions(ranges.min_range, ranges.max_range)
+    point_map = PointMap.open(files.map_folder)
+    radius = 300.0 if circle.radius is None else circle.radius
+    middle = circle.local_middle(point_map)
+    relocalizer = Relocalizer(point_map, middle, radius, n_threads=threads, trust=trust, risk=certainty.risk)
+    opened = open_scans(files.scans, files.times, topic=files.topic, at_stamp=files.at_stamp)
+    there = rows_there(out, opened.times) if out is not None and table.resume else RowsThere()
+    drive = relocalize_drive(opened, relocalizer, options, first=there.n_rows)
+    if out is None:
+        epochs = list(_printed(drive))
+    else:
+        epochs = written(out, there, drive, len(opened), quiet)
+        where = "the whole map" if circle.around is None else f"{radius:g} m around {circle.around}"
+        searched = f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells"
+        print_summary(epochs, out, searched, there=there)
+        if table.tum is not None:
+            write_trajectory(table.tum, out, there, epochs)
+    if not is_whole(epochs, there, len(opened)):
+        raise typer.Exit(1)
+
+
+def _printed(drive: "Iterator[EpochEstimate]") -> "Iterator[EpochEstimate]":
+    """Print a line for each epoch once it is done."""
+    for epoch in drive:
+        pose = epoch.pose_global
+        words = epoch.reason
+        if pose is not None:
+            words = f"x {pose.x:.3f} y {pose.y:.3f} z {pose.z:.3f} m, heading {math.degrees(pose.heading):.2f} degrees"
+        typer.echo(f"{epoch.raw.name}: {epoch.status.value}{'; ' if words else ''}{words}")
+        yield epoch.without_points()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, flag, flags
+from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclusive, flag, flags
 from maxcon.cli.options import Quiet, RangeOptions, Scheduler
 from maxcon.cli.terminal import compiling_told, step_bars, warn
 from maxcon.errors import OptionError
@@ -61,7 +61,7 @@ def update(
         reach=files.reach, least_looks=files.least_looks, min_range=ranges.min_range, max_range=ranges.max_range
     )
     drives = open_drives(files.drives)
-    with step_bars("", quiet) as report, compiling_told(quiet):
+    with step_bars(quiet) as report, compiling_told(quiet):
         manifest = update_map(files.map_folder, drives, files.out, options, overwrite=overwrite, progress=report)
     typer.echo(f"{files.out}")
     print_rows(rows_of_updates(manifest.build.get("updates", [])))
@@ -143,17 +143,12 @@ class TileWorkers(OptionGroup, title="How it is done"):
     scheduler: Scheduler = None
 
     def engine(self) -> "Engine | None":
-        """Return the processes that make the tiles; None for the threads of this one. OptionError if both are given."""
+        """Return the processes that make the tiles; None for the threads of this one."""
         from maxcon._system.engine import Engine
 
-        if (self.workers, self.scheduler) == (None, None):
-            return None
-        if self.threads is not None:
-            raise OptionError(
-                "Expected either threads of this process or others that make the tiles, got both. Leave out --threads,"
-                " or --workers and --scheduler."
-            )
-        return Engine(self.workers, self.scheduler, warn)
+        check_exclusive({"--threads": self.threads}, {"--workers": self.workers, "--scheduler": self.scheduler})
+        is_here = (self.workers, self.scheduler) == (None, None)
+        return None if is_here else Engine(self.workers, self.scheduler, warn)
 
 
 @app.command(cls=GroupedCommand)
@@ -172,9 +167,8 @@ def build(
             f"Expected a folder to build the map in, got {address}. Build it in a folder, then"
             f" `maxcon map copy FOLDER {address}`."
         )
-    if classes.keep_all and (classes.drop or classes.vehicle_class):
-        other = "--drop" if classes.drop else "--vehicle-class"
-        raise OptionError(f"Expected either {other} or --keep-all, got both. Leave one out.")
+    left_out = {"--drop": classes.drop, "--vehicle-class": classes.vehicle_class}
+    check_exclusive({"--keep-all": classes.keep_all}, left_out)
     engine = worker.engine()
     options = MapOptions(
         cell=output.cell,
@@ -190,7 +184,7 @@ def build(
         classify=classes.classify,
         area=Area.parse(cloud.area) if cloud.area is not None else None,
     )
-    with step_bars("", quiet) as report, compiling_told(quiet):
+    with step_bars(quiet) as report, compiling_told(quiet):
         manifest = build_map(
             cloud.clouds, output.out, options, overwrite=output.overwrite, n_threads=worker.threads, engine=engine,
             progress=report,
@@ -275,7 +269,7 @@ def align(
         vehicle_classes=tuple(files.vehicle_class or ()),
         crs=files.crs,
     )
-    with step_bars("", quiet) as report, compiling_told(quiet):
+    with step_bars(quiet) as report, compiling_told(quiet):
         found = align_files(
             files.clouds, files.out, options, trajectories=files.trajectory or (), overwrite=files.overwrite,
             n_threads=threads, progress=report,
@@ -327,6 +321,6 @@ def copy(
     """
     from maxcon.map.store import copy_map
 
-    with step_bars("", quiet) as report:
+    with step_bars(quiet) as report:
         copy_map(source, target, overwrite=overwrite, progress=report)
     typer.echo(target)

@@ -2,16 +2,24 @@
 # SPDX-License-Identifier: MIT
 """Options that several commands have, and the option groups of those that localize."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from maxcon.cli.flags import OptionGroup, flag
+from maxcon.cli.flags import OptionGroup, check_exclusive, check_needs, flag
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
+    from maxcon.drive.localize import EpochEstimate
+    from maxcon.drive.within_sigmas import WithinSigmas
+    from maxcon.localizer import MaximumConsensus
+    from maxcon.scan.trajectory import Trajectory
     from maxcon.search.objectives import Objective
+    from maxcon.search.space import SearchSpace
+
+SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.", rich_help_panel="Output")]
 Times = Annotated[
@@ -70,14 +78,9 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
     )
     at_stamp: AtStamp = False
 
-    def check(self) -> None:
-        """Refuse poses that are asked for twice: OptionError."""
-        for what, topic, frames in (
-            ("prior", self.prior_topic, self.prior_frames),
-            ("odometry", self.odometry_topic, self.odometry_frames),
-        ):
-            if topic is not None and frames is not None:
-                raise OptionError(f"Expected either --{what}-topic or --{what}-frames, got both. Leave one out.")
+    def __post_init__(self) -> None:
+        check_exclusive({"--prior-topic": self.prior_topic}, {"--prior-frames": self.prior_frames})
+        check_exclusive({"--odometry-topic": self.odometry_topic}, {"--odometry-frames": self.odometry_frames})
 
 
 class MotionOptions(OptionGroup, title="Motion"):
@@ -100,24 +103,9 @@ class MotionOptions(OptionGroup, title="Motion"):
         metavar="S",
     )
 
-    def check(self, *, is_shared: bool) -> None:
-        """Refuse options without effect, and a track that is shared among workers: OptionError."""
-        if self.track and is_shared:
-            raise OptionError(
-                "Expected one process for --track, as each epoch needs the one before, got --workers or --scheduler."
-                " Leave it out, or take --threads."
-            )
-        if self.odometry is not None and not (self.track or self.deskew):
-            raise OptionError(
-                "Expected --odometry together with --track or --deskew, got it alone. Add one, or leave it out."
-            )
-        if self.drift is not None and self.odometry is None:
-            raise OptionError("Expected --drift together with --odometry, got it alone. Leave it out.")
-
-    def check_turn_time(self) -> None:
-        """Refuse a time of a turn that is none, or without effect: OptionError."""
-        if self.turn_time is not None and not self.deskew:
-            raise OptionError("Expected --turn-time together with --deskew, got it alone. Add --deskew.")
+    def __post_init__(self) -> None:
+        check_needs({"--odometry": self.odometry}, {"--track": self.track, "--deskew": self.deskew})
+        check_needs({"--turn-time": self.turn_time}, {"--deskew": self.deskew})
         if self.turn_time is not None and not 0.0 < abs(self.turn_time) <= 2.0:
             raise OptionError(f"Expected --turn-time of up to 2 s, got {self.turn_time}. Most scanners take 0.1 s.")
 
@@ -148,6 +136,116 @@ class MethodOptions(OptionGroup, title="Method"):
     known_only: bool = flag(False, "In an updated map: leave out what is new, too, not only what is gone.")
 
 
+class SpaceOptions(OptionGroup, title="Search space"):
+    """Where a scan is searched for around its prior; None for what is not given."""
+
+    wider: float = flag(12.0, "Search so far around an answer that is in doubt, m; 0: never.", metavar="M")
+    half_width: float | None = flag(
+        None,
+        "Largest offset from the prior in x and y, m. If not given: of the prior's covariances, or 12.",
+        metavar="M",
+    )
+    heading_half_width_deg: float | None = flag(
+        None, "Largest turn from the prior's heading, degrees; likewise, or 10.", metavar="DEG"
+    )
+    height_half_width: float | None = flag(
+        None,
+        "Largest offset from the prior in z, m, searched where the ground does not tell the height; a multiple of"
+        " the cell. 0 if not given: the height is the prior's there.",
+        metavar="M",
+    )
+    sigma_position: float | None = flag(
+        None, "Instead of half widths: standard deviation of every prior's x, and of its y, m.", metavar="M"
+    )
+    sigma_heading_deg: float | None = flag(None, "Standard deviation of its heading, degrees.", metavar="DEG")
+    sigmas: float | None = flag(
+        None, "How many standard deviations to search, these or the prior's own; 3 if not given.", metavar="K"
+    )
+    largest_half_width: float | None = flag(
+        None,
+        "No search within standard deviations is wider than this, nor one that is repeated, twice as wide each time,"
+        " where the answer is in doubt, m; 24 if not given.",
+        metavar="M",
+    )
+    cell: float | None = flag(
+        None,
+        "Search in cells of this edge alone, m: the map's, or 2, 4, ... 32 times it. If neither this nor a heading"
+        " step is given, coarse to fine.",
+        metavar="M",
+    )
+    heading_step_deg: float | None = flag(
+        None, "Step between headings, degrees; 0.5 beside --cell, if not given.", metavar="DEG"
+    )
+
+    def __post_init__(self) -> None:
+        position, heading = {"--sigma-position": self.sigma_position}, {"--sigma-heading-deg": self.sigma_heading_deg}
+        numbers = {"--sigmas": self.sigmas, "--largest-half-width": self.largest_half_width}
+        half_widths = {"--half-width": self.half_width, "--heading-half-width-deg": self.heading_half_width_deg}
+        check_exclusive(half_widths, position | heading | numbers)
+        check_needs(position, heading)
+        check_needs(heading, position)
+        for name, value in (position | heading | {"--sigmas": self.sigmas}).items():
+            if value is not None and not 0.0 <= value < 1e9:
+                raise OptionError(f"Expected {name} to be a finite number >= 0, got {value}. Left out --sigmas is 3.")
+
+    def fixed(self) -> "SearchSpace":
+        """Return the space of the half widths, the usual ones if not given, rounded up to whole steps."""
+        from maxcon.search.space import PAPER_STEP_DEG, SearchSpace
+
+        usual = SearchSpace()
+        step_deg = PAPER_STEP_DEG if self.heading_step_deg is None and self.cell else self.heading_step_deg
+        return SearchSpace(
+            _in_steps(self.half_width, usual.half_width, self.cell),
+            self.cell,
+            _in_steps(self.heading_half_width_deg, usual.heading_half_width_deg, step_deg),
+            self.heading_step_deg,
+            _in_steps(self.height_half_width, 0.0, self.cell),
+        )
+
+    def within_sigmas(
+        self, method: "MaximumConsensus", prior: "Trajectory", max_gap: float, *, track: bool
+    ) -> "WithinSigmas | None":
+        """Return what searches within given standard deviations, or those of the prior; None for half widths.
+
+        A track is searched within half widths, unless standard deviations are given.
+        """
+        from maxcon.drive.within_sigmas import WithinSigmas
+
+        if self.sigma_position is not None and self.sigma_heading_deg is not None:
+            prior = _with_sigmas(prior, self.sigma_position, self.sigma_heading_deg)
+        elif self.half_width is not None or self.heading_half_width_deg is not None:
+            return None
+        elif track or prior.covariances is None:
+            number = {"--sigmas": self.sigmas, "--largest-half-width": self.largest_half_width}
+            check_needs(number, {"--sigma-position": None, "a CSV prior with covariances and no --track": None})
+            return None
+        largest = LARGEST_HALF_WIDTH if self.largest_half_width is None else self.largest_half_width
+        return WithinSigmas(method, prior, SIGMAS if self.sigmas is None else self.sigmas, largest, max_gap)
+
+    def words(self, windows: "WithinSigmas | None", prior: "Trajectory", epochs: "list[EpochEstimate]") -> str:
+        """Return which spaces of standard deviations were searched, in a line, or that those of the prior were not."""
+        if windows is None:
+            given = (
+                ("--half-width", self.half_width), ("--heading-half-width-deg", self.heading_half_width_deg),
+                ("--sigma-position", self.sigma_position),
+            )  # fmt: skip
+            instead = next((name for name, value in given if value is not None), "--track")
+            return "" if prior.covariances is None else f"the prior's covariances are not used: {instead}"
+        times = [epoch.raw.time for epoch in epochs if epoch.estimate is not None]
+        covariances = [windows.prior.covariance_at(time, windows.max_gap) for time in times]
+        known = [covariance for covariance in covariances if covariance is not None]
+        source = "the prior's covariances" if self.sigma_position is None else "--sigma-position"
+        if not known:
+            return f"windows from {source}: none"
+        found = [windows.space(covariance) for covariance in known]
+        offsets = _range([space.half_width for space in found], "m")
+        turns = _range([space.heading_half_width_deg for space in found], "degrees")
+        n_cut = sum(windows.reach(covariance) > windows.largest_half_width for covariance in known)
+        cut = f"; {n_cut} of them cut at {windows.largest_half_width:g} m" if n_cut else ""
+        others = f"; {len(times) - len(known)} epochs without" if len(known) < len(times) else ""
+        return f"windows from {source}: half width {offsets}, {turns}{cut}{others}"
+
+
 class Certainty(OptionGroup, title="Certainty"):
     """From where on an answer is not trusted."""
 
@@ -166,6 +264,9 @@ class TableOptions(OptionGroup, title="Output"):
     resume: bool = flag(False, "Go on with POSES.csv where a call that was stopped ended.")
     overwrite: bool = flag(False, "Replace POSES.csv, if it is there.")
     tum: Path | None = flag(None, "Also write the localized poses as TUM.", metavar="FILE")
+
+    def __post_init__(self) -> None:
+        check_exclusive({"--resume": self.resume}, {"--overwrite": self.overwrite})
 
 
 class WorkerOptions(OptionGroup, title="How it is done"):
@@ -201,3 +302,28 @@ def parse_objective(word: str) -> "Objective":
         ) from error
     finally:
         sys.path.remove("")
+
+
+def _in_steps(given: float | None, usual: float, step: float | None) -> float:
+    """A half width, rounded up to whole steps; what makes no sense stays as it is, to be refused in words."""
+    from maxcon.search.space import rounded_up
+
+    reach = usual if given is None else given
+    makes_sense = 0.0 <= reach < math.inf and (step is None or 0.0 < step < math.inf)
+    return rounded_up(reach, step) if makes_sense else reach
+
+
+def _with_sigmas(prior: "Trajectory", position: float, heading_deg: float) -> "Trajectory":
+    """The same poses, each known to so many m in x and y, and so many degrees."""
+    import numpy as np
+
+    from maxcon.scan.trajectory import Trajectory
+
+    degree = math.radians(1.0)
+    covariance = np.diag([position**2, position**2, heading_deg * degree * heading_deg * degree])
+    return Trajectory(prior.times, prior.positions, prior.quaternions_xyzw, np.tile(covariance, (len(prior), 1, 1)))
+
+
+def _range(values: list[float], unit: str) -> str:
+    low, high = f"{min(values):.1f}", f"{max(values):.1f}"
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"

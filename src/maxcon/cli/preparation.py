@@ -18,8 +18,7 @@ def warmup(quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the l
 
     A call when all is compiled already says so, and where the code is kept.
     """
-    from maxcon._system.compiled import check_code_folder
-    from maxcon._system.kernel_cache import code_folder
+    from maxcon._system.kernel_cache import checked_code_folder
     from maxcon.errors import FileError
     from maxcon.warmup import warm_up
 
@@ -37,7 +36,7 @@ def warmup(quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the l
         else:
             typer.echo("compiled already")
 
-    check_code_folder()
+    folder = checked_code_folder()
     try:
         warm_up(report)
     except OSError as error:
@@ -48,7 +47,7 @@ def warmup(quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the l
     seconds = sum(compiled.seconds for compiled in done)
     is_new = any(compiled.n_functions for compiled in done)
     begin = f"compiled in {seconds:.0f} s" if is_new else "everything was compiled already"
-    typer.echo(f"{begin}; the code is kept in {code_folder()}")
+    typer.echo(f"{begin}; the code is kept in {folder}")
 
 
 scans = typer.Typer(help="Say what is in scans or a recording.", no_args_is_help=True, rich_markup_mode=None)

@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
-    from maxcon._system.progress import Progress as StepProgress
+    from maxcon._system import Progress
 
 SPEED_PERIOD = 600.0
 """The time left is estimated from the last so many seconds: a step of a study may take a minute."""
@@ -30,29 +28,8 @@ def warn(line: str) -> None:
     print(line, file=sys.stderr, flush=True)  # noqa: T201
 
 
-def _new_bars(unit: str) -> "Progress":
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    class Rate(TextColumn):
-        def render(self, task: Any) -> Any:
-            speed = task.finished_speed or task.speed
-            self.text_format = f"{speed:,.1f} {unit}/s" if speed and unit else ""
-            return super().render(task)
-
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        Rate(""),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        speed_estimate_period=SPEED_PERIOD,
-    )
-
-
 @contextmanager
-def step_bars(unit: str, is_quiet: bool, *, has_lines: bool = False) -> Iterator["StepProgress"]:
+def step_bars(is_quiet: bool, *, has_lines: bool = False) -> Iterator["Progress"]:
     """Yield a function to call with (step, done, of how many); each step gets a bar of its own.
 
     Where stderr is not a terminal there are none; with `has_lines` a line says when a step begins.
@@ -67,7 +44,13 @@ def step_bars(unit: str, is_quiet: bool, *, has_lines: bool = False) -> Iterator
 
         yield tell
         return
-    bars = _new_bars(unit)
+    from rich.console import Console
+    from rich.progress import MofNCompleteColumn
+    from rich.progress import Progress as Bars
+
+    columns = list(Bars.get_default_columns())
+    columns[2:3] = [MofNCompleteColumn()]
+    bars = Bars(*columns, console=Console(stderr=True), speed_estimate_period=SPEED_PERIOD)
     tasks: dict[str, Any] = {}
 
     def report(step: str, done: int, total: int) -> None:
@@ -87,7 +70,7 @@ def step_bars(unit: str, is_quiet: bool, *, has_lines: bool = False) -> Iterator
 @contextmanager
 def compiling_told(is_quiet: bool) -> Iterator[None]:
     """Say so, once, when something has to be compiled while this is open."""
-    from maxcon._system.compiled import on_compilation
+    from maxcon._system.kernel_cache import on_compilation
 
     is_told = is_quiet or not sys.stderr.isatty()
 

@@ -4,6 +4,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,16 +39,19 @@ def check_heights(point_map: PointMap, prior: Trajectory, *, are_orthometric: bo
     median = _above_ground(point_map, point_map.frame.to_local(prior.positions))
     if LOWEST <= median <= HIGHEST:
         return
+    kind, advice = (
+        "ellipsoidal heights of the receiver",
+        (
+            "Are the map's heights above the geoid? Say how high that is above the ellipsoid there: --geoid-height, about"
+            f" {median - 2.0:.0f} here."
+        ),
+    )
     if are_orthometric:
-        raise TrajectoryError(
-            f"Expected the prior near the map's ground, got heights above the geoid {abs(median):.1f} m"
-            f" {'above' if median > 0 else 'below'} it. Are the map's heights ellipsoidal? Then give the prior"
-            " ellipsoidal heights too."
-        )
+        kind = "heights above the geoid"
+        advice = "Are the map's heights ellipsoidal? Then give the prior ellipsoidal heights too."
+    side = "above" if median > 0 else "below"
     raise TrajectoryError(
-        f"Expected the prior near the map's ground, got ellipsoidal heights of the receiver {abs(median):.1f} m"
-        f" {'above' if median > 0 else 'below'} it. Are the map's heights above the geoid? Say how high that is above"
-        f" the ellipsoid there: --geoid-height, about {median - 2.0:.0f} here."
+        f"Expected the prior near the map's ground, got {kind} {abs(median):.1f} m {side} it. {advice}"
     )
 
 
@@ -56,12 +60,10 @@ def heights_in_words(point_map: PointMap, priors: Sequence[Pose]) -> str:
     median = _above_ground(point_map, np.array([prior.position for prior in priors]).reshape(-1, 3))
     if LOWEST <= median <= HIGHEST:
         return ""
-    side, kinds = ("below", "above the geoid, and the map's above the ellipsoid")
-    if median > 0.0:
-        side, kinds = ("above", "above the ellipsoid, and the map's above the geoid")
+    side, kind, other = ("above", "ellipsoid", "geoid") if median > 0.0 else ("below", "geoid", "ellipsoid")
     return (
-        f"the prior lies {abs(median):.1f} m {side} the map's ground. Are its heights {kinds}? Take about"
-        f" {median - 2.0:.0f} m off its z"
+        f"the prior lies {abs(median):.1f} m {side} the map's ground. Are its heights above the {kind}, and the map's"
+        f" above the {other}? Take about {median - 2.0:.0f} m off its z"
     )
 
 
@@ -81,10 +83,9 @@ def _above_ground(point_map: PointMap, positions: NDArray[np.float64]) -> float:
 class Alternative:
     """Something that may be meant otherwise.
 
-    words: what, and what to do about it, behind "it would be, ".
+    words: what, and what to do about it, behind "would be localized ".
     prior: the prior, local frame, if it is meant so.
-    points: the points of the scan, sensor frame, from those that were read, the prior and where the map's local frame
-        lies in global coordinates.
+    points: of the scan, sensor frame, from those that were read, the prior and the origin of the map's local frame.
     """
 
     words: str
@@ -107,14 +108,10 @@ def _of_compass(prior: Pose) -> Pose:
     return replace(prior, heading=math.pi / 2.0 - prior.heading)
 
 
-def _turned(roll_deg: float, heading_deg: float) -> Callable[[Pose], Pose]:
-    turn = Pose(0.0, 0.0, 0.0, math.radians(roll_deg), 0.0, math.radians(heading_deg))
-    return lambda prior: prior @ turn
-
-
 def _turn(words: str, roll_deg: float, heading_deg: float) -> Alternative:
+    turn = Pose(0.0, 0.0, 0.0, math.radians(roll_deg), 0.0, math.radians(heading_deg))
     return Alternative(
-        f"were the sensor {words}: put that turn into the prior, T_map_sensor", _turned(roll_deg, heading_deg)
+        f"were the sensor {words}: put that turn into the prior, T_map_sensor", lambda prior: prior @ turn
     )
 
 
@@ -149,18 +146,13 @@ def alternative_that_fits(
 
     Map, scans, method and options are those the drive was localized with, and none of the epochs is localized.
     """
-    searched = [epoch for epoch in epochs if epoch.prior is not None and epoch.status not in WITHOUT_SEARCH]
-    if not searched:
-        return ""
+    searched = [(epoch.epoch, epoch.prior) for epoch in epochs if epoch.prior and epoch.status not in WITHOUT_SEARCH]
     read = []
-    for number in np.unique(np.linspace(0, len(searched) - 1, MOST_TRIED).round().astype(int)).tolist():
-        epoch = searched[number]
-        try:
-            raw = scans.read(epoch.epoch, 0.0, math.inf)
-        except FileError:
-            continue
-        if epoch.prior is not None:
-            read.append((raw.points, epoch.prior, raw.time))
+    for number in {round(float(at)) for at in np.linspace(0, len(searched) - 1, MOST_TRIED)} if searched else ():
+        epoch, prior = searched[number]
+        with suppress(FileError):
+            raw = scans.read(epoch, 0.0, math.inf)
+            read.append((raw.points, prior, raw.time))
     if not read:
         return ""
     for alternative in ALTERNATIVES:

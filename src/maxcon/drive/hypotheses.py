@@ -18,19 +18,6 @@ from maxcon.scan import Scan
 from maxcon.search.objectives import Helmert
 from maxcon.search.space import PAPER_CELL, PAPER_STEP_DEG, SearchSpace
 
-__all__ = [
-    "FARTHEST_REACH",
-    "HEIGHTS_AND_TILTS",
-    "Candidate",
-    "Hypothesis",
-    "distance",
-    "find_candidates",
-    "measured_covariance",
-    "ranked",
-    "weighed",
-    "window",
-]
-
 # Scans taken within this way see much the same surfaces: together they are held to say as much as one, m.
 WAY_OF_EVIDENCE = 2.0
 # What no scan matches is not worth nothing: the next scan may be hidden no longer.
@@ -184,17 +171,11 @@ class Candidate:
 def find_candidates(
     method: MaximumConsensus, space: SearchSpace, scan: Scan, point_map: PointMap, prior: Pose, ratio: float
 ) -> list[Candidate]:
-    """Return the candidates in a search space that score at least a ratio of the best one, the best first.
+    """Return the candidates in a space around a prior that score at least a ratio of the best one, the best first.
 
-    method: how cells are scored; its own space is not used. Candidates lie farther apart than its guard radius.
-    space: around the prior.
-    scan: of one epoch.
-    point_map: the map.
-    prior: T_map_sensor, local frame.
-    ratio: of the best score, above 0 to 1.
-
-    Where branch and bound proves that no other place scores so much, that is all. Where it does not, every cell is
-    scored; of a wide space the places that it left open.
+    They lie farther apart than the guard radius of the method, whose own space is not used. Where branch and bound
+    proves that no other place scores so much, that is all. Where it does not, every cell is scored; of a wide space the
+    places that it left open.
     """
     asked = replace(method, space=space, trust=replace(method.trust, largest_runner_up=ratio), refinement=False)
     best = asked.localize(scan, point_map, prior)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Localizing a drive, epoch after epoch, each with its prior from a trajectory, or in the whole map without one."""
+"""A drive, epoch after epoch: localized from priors of a trajectory, tracked, or found in the whole map without any."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from maxcon._system.ordered_map import ordered_map
+from maxcon._system.engine import ordered_map
+from maxcon.drive.motion import Motion
 from maxcon.errors import ArrayError, FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
@@ -22,6 +23,7 @@ from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from maxcon.drive.tracker import Tracker
     from maxcon.relocalization import Relocalizer
 
 MAP_MARGIN = 30.0
@@ -31,6 +33,8 @@ NOTHING_KNOWN = "there is neither a track nor a prior to begin one"
 
 # The map is told of the tiles so far (m) around the priors of so many epochs: a remote one fetches them ahead.
 EPOCHS_AHEAD, METRES_AHEAD = 10, 40.0
+
+NOTHING_KNOWN = "there is neither a track nor a prior to begin one"
 
 
 class Method(Protocol):
@@ -125,6 +129,62 @@ def localize_drive(
     return drive.estimates(first, len(scans), n_threads)
 
 
+def track_drive(
+    point_map: PointMap,
+    scans: Scans,
+    prior: Trajectory,
+    tracker: Tracker,
+    odometry: Trajectory | None = None,
+    options: DriveOptions | None = None,
+) -> Iterator[EpochEstimate]:
+    """Return an iterator over the estimates of all scans, each searched where the one before and the motion allow.
+
+    Other parameters and errors as of `localize_drive`. A scan whose motion is not known is an epoch with that status.
+
+    prior: may have gaps: it is needed where the track begins, and tells a wrong one.
+    tracker: how each is localized; its noise is that of the motion's source.
+    odometry: source of the motion between scans, T_odometry_sensor: in any frame, and drifting. Without it the prior
+        is. TrajectoryError if it has no pose for any scan.
+    """
+    options = options or DriveOptions()
+    poses = priors = _priors_of_scans(point_map, scans, prior, options)
+    if odometry is not None:
+        poses = _poses_of_scans(scans, odometry, options, "odometry")
+    motions = _motions(scans.times.tolist(), poses)
+
+    def tracked(epoch: int) -> EpochEstimate:
+        own, motion = priors[epoch], motions[epoch]
+        if motion is not None:
+            tracker.move(motion)
+        expected = own if tracker.prediction is None else tracker.prediction.pose
+
+        def refused(scan: Scan) -> tuple[Status | None, str]:
+            status = status_without_search(point_map, scan, own, expected)
+            if status is None and motion is None:
+                return Status.NO_PRIOR, "the motion up to this scan is not known"
+            return status, NOTHING_KNOWN if status is Status.NO_PRIOR else ""
+
+        return _answered(
+            epoch, scans, options, own or expected, point_map, refused,
+            lambda scan: tracker.localize(scan, point_map, own),
+        )  # fmt: skip
+
+    return map(tracked, range(len(scans)))
+
+
+def _motions(times: Sequence[float], poses: Sequence[Pose | None]) -> list[Motion | None]:
+    """Motion up to each time (s) since the last one with a pose; None where there is no pose."""
+    motions: list[Motion | None] = []
+    last: tuple[float, Pose] | None = None
+    for at, pose in zip(times, poses, strict=True):
+        if pose is None:
+            motions.append(None)
+            continue
+        motions.append(Motion.none() if last is None else Motion.between(last[1], pose, at - last[0]))
+        last = (at, pose)
+    return motions
+
+
 def relocalize_drive(
     scans: Scans, relocalizer: Relocalizer, options: DriveOptions | None = None, *, first: int = 0
 ) -> Iterator[EpochEstimate]:
@@ -137,19 +197,17 @@ def relocalize_drive(
     relocalizer.check()
 
     def relocalized(epoch: int) -> EpochEstimate:
-        raw, unreadable = read_epoch(scans, epoch, options)
-        scan = scan_of(raw)
-        if unreadable or len(scan) == 0:
-            status = Status.UNREADABLE if unreadable else Status.NO_POINTS
-            return EpochEstimate(epoch, raw, status, 0.0, scan, reason=unreadable)
         places: list[object] = []
 
-        def search() -> Estimate:
+        def search(scan: Scan) -> Estimate:
             found = relocalizer.search(scan)
             places.extend(found.places)
             return found.estimate
 
-        told = answered(epoch, raw, scan, None, relocalizer.map, search)
+        told = _answered(
+            epoch, scans, options, None, relocalizer.map,
+            lambda scan: (None if len(scan) else Status.NO_POINTS, ""), search,
+        )  # fmt: skip
         return told if places else replace(told, estimate=None)
 
     return map(relocalized, range(first, len(scans)))
@@ -172,28 +230,27 @@ class Drive:
     @classmethod
     def of(cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions) -> Drive:
         """Return a drive with its priors found; errors as of `localize_drive`."""
-        return cls(point_map, scans, prior, method, options, priors_of_scans(point_map, scans, prior, options))
+        return cls(point_map, scans, prior, method, options, _priors_of_scans(point_map, scans, prior, options))
 
     def localize(self, epoch: int) -> EpochEstimate:
         """Return the answer for one epoch."""
         ahead = self.priors[epoch : epoch + EPOCHS_AHEAD]
         self.point_map.prefetch_around([(pose.x, pose.y) for pose in ahead if pose is not None], METRES_AHEAD)
-        pose = self.priors[epoch]
-        raw, reason = read_epoch(self.scans, epoch, self.options)
-        scan = scan_of(raw)
-        if reason:
-            return EpochEstimate(epoch, raw, Status.UNREADABLE, 0.0, scan, pose, reason=reason)
-        status = status_without_search(self.point_map, scan, pose)
-        if status is Status.NO_PRIOR:
-            try:
-                self.prior.at(raw.time, self.options.max_gap)
-            except TrajectoryError as error:
-                reason = str(error)
-        if pose is None or status is not None:
-            return EpochEstimate(epoch, raw, status or Status.NO_PRIOR, 0.0, scan, pose, reason=reason)
-        return answered(
-            epoch, raw, scan, pose, self.point_map, lambda: self.method.localize(scan, self.point_map, pose)
-        )
+        prior = self.priors[epoch]
+
+        def refused(scan: Scan) -> tuple[Status | None, str]:
+            status = status_without_search(self.point_map, scan, prior)
+            if status is Status.NO_PRIOR:
+                try:
+                    self.prior.at(scan.time, self.options.max_gap)
+                except TrajectoryError as error:
+                    return status, str(error)
+            return status, ""
+
+        def localized(scan: Scan) -> Estimate | None:
+            return None if prior is None else self.method.localize(scan, self.point_map, prior)
+
+        return _answered(epoch, self.scans, self.options, prior, self.point_map, refused, localized)
 
     def estimates(self, first: int, last: int, n_threads: int = 1) -> Iterator[EpochEstimate]:
         """Yield the answers for the epochs from `first` up to, not including, `last`, in order."""
@@ -207,21 +264,28 @@ class Drive:
             pool.shutdown(cancel_futures=True)
 
 
-def answered(
+def _answered(
     epoch: int,
-    raw: RawScan,
-    scan: Scan,
+    scans: Scans,
+    options: DriveOptions,
     prior: Pose | None,
     point_map: PointMap,
-    localize: Callable[[], Estimate | None],
+    refused: Callable[[Scan], tuple[Status | None, str]],
+    localize: Callable[[Scan], Estimate | None],
 ) -> EpochEstimate:
-    """Return the answer of an epoch, timed, with its pose in global coordinates if it is localized.
+    """Read the scan of an epoch and return its answer, timed; global coordinates if it is localized.
 
-    A prior or points with numbers that no map can hold (z = 1e9 m) get a status, and so does a track without a pose.
+    `refused` says why a scan is not searched for, if so. A prior or points with numbers that no map can hold (z = 1e9
+    m) get a status, and so does a track without a pose.
     """
+    raw, reason = read_epoch(scans, epoch, options)
+    scan = scan_of(raw)
+    status, reason = (Status.UNREADABLE, reason) if reason else refused(scan)
+    if status is not None:
+        return EpochEstimate(epoch, raw, status, 0.0, scan, prior, reason=reason)
     start = time.perf_counter()
     try:
-        estimate = localize()
+        estimate = localize(scan)
     except ArrayError as error:
         return EpochEstimate(epoch, raw, Status.FAILED, 0.0, scan, prior, reason=str(error))
     milliseconds = 1e3 * (time.perf_counter() - start)
@@ -235,18 +299,6 @@ def failed_epoch(epoch: int, scans: Scans, reason: str) -> EpochEstimate:
     """Return what stands for the answer of an epoch that ended the process it was given to, or never came back."""
     raw = _nothing_read(epoch, scans)
     return EpochEstimate(epoch, raw, Status.FAILED, 0.0, scan_of(raw), reason=reason)
-
-
-def priors_of_scans(point_map: PointMap, scans: Scans, prior: Trajectory, options: DriveOptions) -> list[Pose | None]:
-    """Return the prior of each scan, local frame, None where there is none.
-
-    TrajectoryError if there is none for any scan, MapError if all lie outside the map.
-    """
-    priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
-    check_times(scans, prior, priors)
-    local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
-    check_inside(point_map, local)
-    return local
 
 
 def scan_of(raw: RawScan) -> Scan:
@@ -264,6 +316,9 @@ def read_epoch(scans: Scans, epoch: int, options: DriveOptions) -> tuple[RawScan
 
 def _nothing_read(epoch: int, scans: Scans) -> RawScan:
     return RawScan(np.empty((0, 3)), float(scans.times[epoch]), scans.name(epoch), 0, 0, 0)
+
+
+# --- priors ---------------------------------------------------------------------------------------------------
 
 
 def status_without_search(point_map: PointMap, scan: Scan, *priors: Pose | None) -> Status | None:
@@ -284,15 +339,24 @@ def pose_or_none(trajectory: Trajectory, at: float, max_gap: float) -> Pose | No
         return None
 
 
-def check_times(scans: Scans, trajectory: Trajectory, poses: Sequence[Pose | None], what: str = "prior") -> None:
-    """Refuse a trajectory that has a pose for none of the scans; TrajectoryError if so."""
+def _priors_of_scans(point_map: PointMap, scans: Scans, prior: Trajectory, options: DriveOptions) -> list[Pose | None]:
+    """The prior of each scan, local frame, None where there is none; MapError if all lie outside the map."""
+    priors = _poses_of_scans(scans, prior, options, "prior")
+    local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
+    check_inside(point_map, local)
+    return local
+
+
+def _poses_of_scans(scans: Scans, trajectory: Trajectory, options: DriveOptions, what: str) -> list[Pose | None]:
+    """The pose at the time of each scan, None where there is none; TrajectoryError if there is none for any."""
+    poses = [pose_or_none(trajectory, float(at), options.max_gap) for at in scans.times]
     if all(pose is None for pose in poses):
         raise TrajectoryError(
-            f"Expected a{'n' if what[0] in 'aeiou' else ''} {what} pose for the scans, {scans.times[0]:.3f} to"
-            f" {scans.times[-1]:.3f} s, but the {what} trajectory has none near any of them"
-            f" ({trajectory.times[0]:.3f} to {trajectory.times[-1]:.3f} s)."
+            f"Expected poses of the {what} for the scans, {scans.times[0]:.3f} to {scans.times[-1]:.3f} s, but the"
+            f" {what} trajectory has none near any of them ({trajectory.times[0]:.3f} to {trajectory.times[-1]:.3f} s)."
             " Do both use the same clock? Give the scans' times with --times."
         )
+    return poses
 
 
 def check_inside(point_map: PointMap, priors: Sequence[Pose | None], what: str = "the prior") -> None:

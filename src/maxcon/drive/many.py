@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: MIT
 """Many drives: their table, their epochs as tasks of an engine, and the run that writes what a dataset lacks."""
 
-import csv
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Protocol
@@ -14,16 +13,17 @@ from typing import Annotated, Any, Protocol
 import msgspec
 import numpy as np
 
+from maxcon._system import Progress
 from maxcon._system.checked import checked, read_toml
 from maxcon._system.engine import Engine
-from maxcon._system.progress import Progress
-from maxcon._system.regular_file import read_regular
-from maxcon._system.resumable import work_folder
+from maxcon._system.resumable import describe, work_folder
 from maxcon._system.version import __version__
-from maxcon.drive.localize import EpochEstimate
-from maxcon.drive.poses_dataset import OPTIONS, PosesDataset, describe
+from maxcon.drive.localize import EpochEstimate, failed_epoch
+from maxcon.drive.poses_table import OPTIONS, PosesDataset
 from maxcon.errors import FileError, MaxconError
 from maxcon.estimate import Status
+from maxcon.io.pose_tables import read_pose_table
+from maxcon.io.scans import Scans
 from maxcon.map import PointMap
 
 WHAT = "a table of drives"
@@ -31,8 +31,6 @@ ADVICE = (
     "Give each a name (letters, digits, . _ + -: a folder is named by it), scans and, where needed, prior, map, times,"
     " odometry"
 )
-LARGEST_TABLE = 2**28
-"""Bytes: a million drives."""
 EPOCHS_PER_TASK = 32
 """Neighbouring epochs need the same tiles; but all of a task are lost when its worker ends."""
 MOST_MAPS, MOST_DRIVES = 4, 2
@@ -76,7 +74,7 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def read_drives(path: str | os.PathLike[str], map_folder: Path | str | None = None) -> list[DriveEntry]:
-    """Return the drives of a table; paths in it are relative to its folder.
+    """Return the drives of a table; paths in it are relative to its folder. FileError if it is none.
 
     path: CSV with a header, of `name`, `scans` and, as far as needed, `prior`, `map`, `times`, `odometry`; or TOML with
         a table `[[drive]]` of the same keys for each.
@@ -95,26 +93,10 @@ def read_drives(path: str | os.PathLike[str], map_folder: Path | str | None = No
 
 
 def _csv_rows(file: Path) -> list[dict[str, str]]:
-    try:
-        content = read_regular(file, LARGEST_TABLE + 1)
-        if len(content) > LARGEST_TABLE:
-            raise ValueError(f"it has more than {LARGEST_TABLE:,} bytes")
-        lines = content.decode("utf-8-sig").splitlines()
-        lines = [line for line in lines if line.strip() and not line.startswith("#")]
-        header, *rows = list(csv.reader(lines, strict=True)) or [[]]
-        names = [name.strip() for name in header]
-        if len(set(names)) < len(names):
-            raise ValueError(f"a column twice: {', '.join(names)}")
-        for number, row in enumerate(rows, 1):
-            if len(row) != len(names):
-                raise ValueError(
-                    f"{len(row)} columns in row {number} below a header of {len(names)}; a comma in a path stands in"
-                    " quotation marks"
-                )
-    except (OSError, ValueError, csv.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise FileError(f"Expected {WHAT} in {file}, got: {reason}. Write a CSV or TOML file.") from error
-    return [dict(zip(names, (cell.strip() for cell in row), strict=True)) for row in rows]
+    table = read_pose_table(file, WHAT)
+    if table.faults:
+        raise FileError(table.told_faults()[0])
+    return [dict(zip(table.names, row, strict=True)) for row in table.rows]
 
 
 def _entry(file: Path, row: _Row, map_folder: Path | str | None) -> DriveEntry:
@@ -135,16 +117,12 @@ class OpenedDrive(Protocol):
     """A drive that is open, with its map, ready to be localized."""
 
     @property
-    def n_epochs(self) -> int:
-        """How many scans it has."""
+    def scans(self) -> Scans:
+        """Its scans."""
         ...
 
     def estimates(self, first: int, last: int) -> Iterator[EpochEstimate]:
         """Localize the epochs from `first` up to, not including, `last`."""
-        ...
-
-    def failed(self, epoch: int, reason: str) -> EpochEstimate:
-        """Return the answer for an epoch whose worker ended before it was done, with the reason."""
         ...
 
 
@@ -191,10 +169,9 @@ class ManyDrivesJob:
     """The work on a `DriveTask`: estimates of its epochs, without points, or why its drive cannot be localized."""
 
     opener: OpensDrives
-    name: str = "epochs"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return ManyDrivesJob, (self.opener, self.name)  # what is open stays in its process
+        return ManyDrivesJob, (self.opener,)  # what is open stays in its process
 
     def open(self) -> Callable[[DriveTask], list[EpochEstimate] | str]:
         """Return the function that localizes a task; maps and drives are opened when first needed, and kept."""
@@ -222,14 +199,14 @@ class ManyDrivesJob:
 
     def lost(self, task: DriveTask, reason: str) -> list[EpochEstimate]:
         """Return the answers for a task whose worker ended before it was done, with the reason."""
-        drive = self.opened(task.entry)
-        return [drive.failed(epoch, reason) for epoch in range(task.first, task.last)]
+        scans = self.opened(task.entry).scans
+        return [failed_epoch(epoch, scans, reason) for epoch in range(task.first, task.last)]
 
 
 # --- a run ----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Localized:
     """Summary of a run over many drives.
 
@@ -238,11 +215,11 @@ class Localized:
     refused: why a drive cannot be localized, by its name.
     """
 
-    n_drives: int
-    n_epochs: int
-    n_localized: int
-    n_new: int
-    refused: dict[str, str]
+    n_drives: int = 0
+    n_epochs: int = 0
+    n_localized: int = 0
+    n_new: int = 0
+    refused: dict[str, str] = field(default_factory=dict)
 
 
 def localize_drives(
@@ -270,66 +247,55 @@ def localize_drives(
         for source in sources.values():
             del source["name"]
         dataset.check_sources(sources)
-        return _Run(entries, job, dataset, progress or (lambda step, done, total: None)).localized(engine or Engine())
-
-
-class _Run:
-    """One call of `localize_drives`: the drives begun, and how many of their epochs are missing."""
-
-    def __init__(
-        self, entries: Sequence[DriveEntry], job: ManyDrivesJob, dataset: PosesDataset, report: Progress
-    ) -> None:
-        self._entries = entries
-        self._job = job
-        self._dataset = dataset
-        self._report = report
-        self._n_missing: dict[str, int] = {}
-        self._refused: dict[str, str] = {}
-        self._n_new = self._n_epochs = 0
-
-    def localized(self, engine: Engine) -> Localized:
-        """Localize what is missing, and summarize the dataset."""
-        todo = []
-        for entry in self._entries:
-            if self._dataset.is_done(entry.name):
-                self._dataset.clear(entry.name)  # a call may have been killed after it had put it there
-            else:
-                todo.append(entry)
+        done = Localized()
+        todo = [entry for entry in entries if not dataset.clear_if_done(entry.name)]
         if todo:
-            for task, found in engine.run(self._job, self._tasks(todo), sys.maxsize):
-                self._keep(task.entry.name, found)
-        done = [entry.name for entry in self._entries if self._dataset.is_done(entry.name)]
-        statuses = [status for name in done for status in self._dataset.statuses(name)]
-        n_localized = statuses.count(Status.LOCALIZED.value)
-        return Localized(len(done), len(statuses), n_localized, self._n_new, self._refused)
-
-    def _tasks(self, entries: Iterable[DriveEntry]) -> Iterator[DriveTask]:
-        """Yield tasks for the missing epochs of drives, opening one drive after the other."""
-        is_track = self._job.opener.is_track
+            report = progress or (lambda step, done, total: None)
+            _localize_missing(todo, job, dataset, engine or Engine(), done, report)
         for entry in entries:
-            try:
-                n_epochs = self._job.opened(entry).n_epochs
-            except MaxconError as error:
-                self._refused[entry.name] = str(error)
-                continue
-            there = self._dataset.rows(entry.name).column("epoch").to_numpy()
-            missing = np.setdiff1d(np.arange(n_epochs), there).tolist()
-            if missing and is_track:
-                missing = list(range(n_epochs))
-            self._n_missing[entry.name] = len(missing)
-            self._n_epochs += len(missing)
-            if not missing:
-                self._dataset.publish(entry.name)
-            yield from tasks_of(entry, missing, is_track)
+            if dataset.is_done(entry.name):
+                statuses = dataset.statuses(entry.name)
+                done.n_drives += 1
+                done.n_epochs += len(statuses)
+                done.n_localized += statuses.count(Status.LOCALIZED.value)
+    return done
 
-    def _keep(self, name: str, found: list[EpochEstimate] | str) -> None:
-        """Write the answers of a task; publish the drive with the last of them."""
-        if isinstance(found, str):
-            self._refused.setdefault(name, found)
+
+def _localize_missing(
+    todo: Sequence[DriveEntry],
+    job: ManyDrivesJob,
+    dataset: PosesDataset,
+    engine: Engine,
+    done: Localized,
+    progress: Progress,
+) -> None:
+    """Localize the epochs of drives that the dataset lacks; each is published with the last of them."""
+    n_missing: dict[str, int] = {}
+
+    def tasks(entry: DriveEntry) -> Iterator[DriveTask]:
+        """Tasks for the missing epochs of a drive, which is opened."""
+        try:
+            n_epochs = len(job.opened(entry).scans)
+        except MaxconError as error:
+            done.refused[entry.name] = str(error)
             return
-        self._dataset.add(name, found)
-        self._n_new += len(found)
-        self._n_missing[name] -= len(found)
-        self._report("localizing", self._n_new, self._n_epochs)
-        if self._n_missing[name] == 0 and name not in self._refused:
-            self._dataset.publish(name)
+        missing = np.setdiff1d(np.arange(n_epochs), dataset.rows(entry.name).column("epoch").to_numpy()).tolist()
+        if job.opener.is_track:
+            missing = list(range(n_epochs)) if missing else []
+        n_missing[entry.name] = len(missing)
+        if not missing:
+            dataset.publish(entry.name)
+        yield from tasks_of(entry, missing, job.opener.is_track)
+
+    all_tasks = (task for entry in todo for task in tasks(entry))
+    for task, found in engine.run(job, all_tasks, sys.maxsize) if todo else ():
+        name = task.entry.name
+        if isinstance(found, str):
+            done.refused.setdefault(name, found)
+            continue
+        dataset.add(name, found)
+        done.n_new += len(found)
+        n_missing[name] -= len(found)
+        progress("localizing", done.n_new, done.n_new + sum(n_missing.values()))
+        if n_missing[name] == 0 and name not in done.refused:
+            dataset.publish(name)

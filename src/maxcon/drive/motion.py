@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,15 @@ from maxcon.scan.trajectory import Trajectory
 WAY_OF_TURN = 1.0 / math.sqrt(3.0)
 PLANAR = [0, 1, 5]
 """x, y and heading among x, y, z, roll, pitch and heading."""
+
+
+def check_numbers(options: Any, *, may_be_zero: bool) -> None:
+    """Refuse a field of a dataclass that is negative or not finite, or 0 where that makes no sense: OptionError."""
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if not 0.0 <= value < math.inf or (value == 0.0 and not may_be_zero):
+            least = ">= 0" if may_be_zero else "above 0"
+            raise OptionError(f"Expected `{field.name}` {least}, got {value}. The default is {field.default}.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +90,7 @@ class MotionNoise:
     tilt_deg: float = 0.2
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not 0.0 <= value < math.inf:
-                raise OptionError(
-                    f"Expected `{field.name}` of a motion's noise to be a number >= 0, got {value}."
-                    f" The default is {field.default}."
-                )
+        check_numbers(self, may_be_zero=True)
 
     @classmethod
     def of_prior(cls, prior: Trajectory) -> Self:
@@ -106,11 +109,9 @@ class MotionNoise:
         per_root_second = np.sqrt(np.minimum(steps[1:], steps[:-1]) / 2.0)  # of two increments, one
         jumps = np.diff(velocities, axis=0) * per_root_second[:, None]
         turns = np.diff(rates) * per_root_second
+        walk, turn = (float(np.sqrt(np.mean(errors**2))) for errors in (jumps, turns))
         usual = cls()
-        return cls(
-            walk=max(usual.walk, _root_mean_square(jumps)),
-            heading_walk_deg=max(usual.heading_walk_deg, math.degrees(_root_mean_square(turns))),
-        )
+        return cls(walk=max(usual.walk, walk), heading_walk_deg=max(usual.heading_walk_deg, math.degrees(turn)))
 
     def covariance(self, motion: Motion) -> NDArray[np.float64]:
         """Covariance of a motion's x, y, z, roll, pitch and heading, in its own axes, shape (6, 6), m^2 and rad^2."""
@@ -122,10 +123,6 @@ class MotionNoise:
         wander = self.walk**2 * motion.seconds
         tilt = math.radians(self.tilt_deg) ** 2
         return np.diag([aside + wander, aside + wander, way + wander, tilt, tilt, heading])
-
-
-def _root_mean_square(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,8 +20,7 @@ from maxcon.drive.hypotheses import (
     weighed,
     window,
 )
-from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
-from maxcon.errors import OptionError
+from maxcon.drive.motion import Motion, MotionNoise, UncertainPose, check_numbers
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import protection_level
@@ -66,10 +65,7 @@ class TrackingOptions:
     patience: float = 20.0
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if not 0.0 < value < math.inf:
-                raise OptionError(f"Expected `{each.name}` above 0, got {value}. The default is {each.default}.")
+        check_numbers(self, may_be_zero=False)
 
 
 @dataclass

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from maxcon._system.progress import Progress
+from maxcon._system import Progress
 from maxcon.drive.localize import EpochEstimate, localize_drive
 from maxcon.drive.poses_table import write_poses
 from maxcon.errors import MissingExtraError

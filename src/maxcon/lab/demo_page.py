@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from maxcon._system import Progress
 from maxcon._system.atomic import make_folder
-from maxcon._system.progress import Progress
 from maxcon._system.version import __version__
 from maxcon.drive.localize import EpochEstimate, scan_of
 from maxcon.geometry import Pose

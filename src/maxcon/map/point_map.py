@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon._system.compiled import read_only_view
+from maxcon._system.kernel_cache import read_only_view
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals

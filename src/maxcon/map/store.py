@@ -17,8 +17,8 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
-from maxcon._system.progress import Progress
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.map.ground import GroundTile
 from maxcon.map.layout import TileKey

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon._system.compiled import read_only_view
+from maxcon._system.kernel_cache import read_only_view
 from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.scan.normals import Viewpoints, estimate_scan_normals

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 import pyarrow
 
-from maxcon.drive.poses_dataset import describe
+from maxcon._system.resumable import describe
 from maxcon.lab.report.study_pictures import pick_epochs, space_of
 from maxcon.lab.study import rows_by_method
 from maxcon.lab.study.table import table_schema

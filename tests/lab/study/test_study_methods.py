@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maxcon.drive.poses_dataset import describe
+from maxcon._system.resumable import describe
 from maxcon.errors import OptionError
 from maxcon.lab.study import (
     DEFAULT_SETS,

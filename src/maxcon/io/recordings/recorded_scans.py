@@ -13,7 +13,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon._system.progress import Progress
+from maxcon._system import Progress
 from maxcon.errors import FileError
 from maxcon.io.raw_scan import RawScan, Scans, returns_in_range
 from maxcon.io.recordings.clouds import CloudSource, RecordedCloud, open_clouds

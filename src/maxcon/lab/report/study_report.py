@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from maxcon._system import Progress
 from maxcon._system.atomic import check_folder, check_writable, make_folder, sweep
-from maxcon._system.progress import Progress
 from maxcon._system.version import __version__
 from maxcon.errors import OptionError
 from maxcon.lab.dataset import DESCRIPTION

@@ -12,10 +12,9 @@ from typing import Any, TypedDict
 from maxcon._system.atomic import write_json
 from maxcon._system.checked import checked, read_json
 from maxcon._system.regular_file import sha256_of_file
-from maxcon._system.resumable import differences
+from maxcon._system.resumable import describe, differences
 from maxcon._system.version import __version__
 from maxcon.drive.localize import DriveOptions
-from maxcon.drive.poses_dataset import describe
 from maxcon.errors import FileError, OptionError
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.methods import MAP_VARIANTS, StudyMethod

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from maxcon._system import Progress
 from maxcon._system.atomic import make_folder
-from maxcon._system.progress import Progress
 from maxcon.drive.localize import Method
 from maxcon.errors import MissingExtraError, OptionError
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart, check_small_gicp

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maxcon._system import Progress
 from maxcon._system.engine import Engine
-from maxcon._system.progress import Progress
 from maxcon._system.resumable import work_folder
 from maxcon.drive.localize import DriveOptions
 from maxcon.errors import OptionError
@@ -75,7 +75,6 @@ class StudyJob:
     maps: dict[str, Path]
     options: DriveOptions
     methods: tuple[StudyMethod, ...]
-    name: str = "epochs"
 
     def bench(self) -> Bench:
         """Open dataset and maps."""
@@ -154,7 +153,7 @@ def run_study(
         If the dataset cannot be used, or the folder cannot be written.
     """
     root, options, report = Path(folder), options or DriveOptions(), progress or (lambda step, done, total: None)
-    engine = Engine(n_workers, scheduler) if warn is None else Engine(n_workers, scheduler, warn)
+    engine = Engine(n_workers, scheduler, warn)
     names = _checked(dataset, methods, priors)
     n_scans = len(dataset.open_scans())
     numbers = spread_epochs(n_scans, n_epochs)

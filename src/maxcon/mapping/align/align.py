@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
-from maxcon._system.progress import Progress
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.io.clouds import CloudHeader
 from maxcon.io.clouds.laz import laz_as_os_error

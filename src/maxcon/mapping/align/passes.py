@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon._system.progress import Progress
+from maxcon._system import Progress
 from maxcon.errors import FileError, OptionError
 from maxcon.geometry import Pose
 from maxcon.io.clouds import CloudHeader, open_cloud

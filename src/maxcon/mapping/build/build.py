@@ -12,9 +12,9 @@ from shutil import rmtree
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.engine import Engine
-from maxcon._system.progress import Progress
 from maxcon._system.version import __version__
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.frame import INDEX_LIMIT

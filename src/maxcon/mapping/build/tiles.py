@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.atomic import atomic_file
-from maxcon._system.engine import Engine
-from maxcon._system.ordered_map import in_order_of, ordered_map
+from maxcon._system.engine import Engine, in_order_of, ordered_map
 from maxcon.errors import MapError
 from maxcon.map import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.map.store import Record, tile_record
@@ -75,7 +74,6 @@ class TileJob:
     is_signed: bool  # Whether normals are turned to the points' sides
     finds_surfaces: bool = False  # Whether the level surfaces of tiles are asked for
     drop: frozenset[int] | None = None  # Classes that are to be found and left out; None if none are to be found
-    name: str = "tiles"
 
     def open(self) -> Callable[[TileTask], list[Any]]:
         """Return what does a task in a worker; all data is in files, as another worker may do the next step."""

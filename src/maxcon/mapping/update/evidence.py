@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon._system.progress import Progress
+from maxcon._system import Progress
 from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey, VoxelTile
 from maxcon.map.ground import GroundPatch

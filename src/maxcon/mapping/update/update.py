@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
-from maxcon._system.progress import Progress
 from maxcon._system.version import __version__
 from maxcon.errors import MapError, OptionError
 from maxcon.map import PointMap, TileKey
