@@ -39,12 +39,10 @@ def check_heights(point_map: PointMap, prior: Trajectory, *, are_orthometric: bo
     median = _above_ground(point_map, point_map.frame.to_local(prior.positions))
     if LOWEST <= median <= HIGHEST:
         return
-    kind, advice = (
-        "ellipsoidal heights of the receiver",
-        (
-            "Are the map's heights above the geoid? Say how high that is above the ellipsoid there: --geoid-height, about"
-            f" {median - 2.0:.0f} here."
-        ),
+    kind = "ellipsoidal heights of the receiver"
+    advice = (
+        "Are the map's heights above the geoid? Say how high that is above the ellipsoid there: --geoid-height,"
+        f" about {median - 2.0:.0f} here."
     )
     if are_orthometric:
         kind = "heights above the geoid"
