@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.io.recordings.writing import RecordingKind, write_recording
+from maxcon.io.recordings.recording import RecordingKind, write_recording
 from maxcon.io.scans import RawScan, Scans, open_scans
 from maxcon.lab.simulation.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory

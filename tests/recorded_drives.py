@@ -7,7 +7,7 @@ import struct
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.io.recordings.writing import RecordingKind, write_bag, write_recording
+from maxcon.io.recordings.recording import RecordingKind, write_bag, write_recording
 from maxcon.io.scans import RawScan, Scans
 from maxcon.lab.simulation.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory

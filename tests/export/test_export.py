@@ -93,7 +93,6 @@ def _with(name, values):
         (_with("status", [1, 2, 3]), "in row 1: 1"),
         (b"", "to be a table such as POSES.csv"),
         (100, "to be a table such as POSES.csv"),
-        (-100, "to be a table such as POSES.csv"),
         ("removed", "No such file"),
         ("a folder", "Is a directory"),
     ],

@@ -19,7 +19,7 @@ from maxcon import Pose, Trajectory
 from maxcon.drive.poses_table import COLUMNS, poses_schema
 from maxcon.io.clouds import CLOUD_SUFFIXES
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
-from maxcon.io.recordings.writing import Entry, header_of
+from maxcon.io.recordings.recording import Entry, header_of
 from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.mapping.build import MapOptions, build_map
 from nmea_sentences import clock, gga, rmc, sentence, zda

@@ -70,21 +70,15 @@ def test_a_sentence_across_blocks_of_reading_is_found(tmp_path, monkeypatch):
         np.testing.assert_array_equal(read_nmea(path).fixes.places, whole.places)
 
 
-def test_a_base_station_with_letters_and_times_of_nanoseconds_cost_no_position(tmp_path):
-    """Both are in real logs, and a common parser drops them."""
+def test_letters_of_a_base_station_nanoseconds_midnight_and_a_late_date_cost_no_position(tmp_path):
+    """The first two are in real logs, and a common parser drops them."""
     place = ("5200.0", "N", "01300.0", "E", 4, 12, 0.8, 60.0, "M", 40.0, "M", "1.0", "TSTR")
     lines = [sentence("GPGGA", f"{clock(START)[0]}789", *place), rmc(START), sentence("PASHR", "", "", "T")]
     np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.places, [[52.0, 13.0, 100.0]])
-
-
-def test_midnight_between_a_date_and_the_next_position(tmp_path):
     midnight = 1_626_912_000.0
     lines = [rmc(midnight - 0.4), gga(midnight - 0.2, *NEAR, 1.0, 1.0), gga(midnight + 0.2, *NEAR, 1.0, 1.0)]
-    log = read_nmea(_write(tmp_path / "a.nmea", lines))
-    np.testing.assert_allclose(log.fixes.times, [midnight - 0.2, midnight + 0.2], atol=1e-6)
-
-
-def test_dates_of_zda_after_the_positions(tmp_path):
+    times = read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.times
+    np.testing.assert_allclose(times, [midnight - 0.2, midnight + 0.2], atol=1e-6)
     day = sentence("GPZDA", clock(START + 3)[0], 21, "07", 2021, "00", "00")
     lines = [*(gga(START + i, *NEAR, 1.0, 1.0) for i in range(3)), day]
     np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.times, START + np.arange(3))
@@ -110,11 +104,15 @@ def test_no_date_no_position_no_height_no_sentence(tmp_path, lines, kind, words)
 
 
 @pytest.mark.parametrize("leads", [False, True])
-def test_sigmas_of_gst_before_or_after_its_position(tmp_path, leads):
+def test_sigmas_of_gst_and_headings_of_hdt_before_or_after_their_position(tmp_path, leads):
     lines = []
     for i in range(3):
-        pair = [gga(START + i, *NEAR, 1.0, 1.0), sentence("GNGST", clock(START + i)[0], 9, "", "", "", 0.3, 0.2, 0.5)]
-        lines += [*(reversed(pair) if leads else pair), rmc(START + i)]
+        epoch = [
+            gga(START + i, *NEAR, 1.0, 1.0),
+            sentence("GNGST", clock(START + i)[0], 9, "", "", "", 0.3, 0.2, 0.5),
+            sentence("GPHDT", 80.0 + i, "T"),
+        ]
+        lines += [*(reversed(epoch) if leads else epoch), *([] if i else [rmc(START)])]
     lines += [gga(START + 3, *NEAR, 1.0, 1.0, quality=1, hdop=1.5), gga(START + 4, *NEAR, 1.0, 1.0, quality=6)]
     log = read_nmea(_write(tmp_path / "a.nmea", lines))
     for covariance in log.fixes.covariances[:3]:
@@ -122,17 +120,8 @@ def test_sigmas_of_gst_before_or_after_its_position(tmp_path, leads):
     np.testing.assert_allclose(log.fixes.covariances[3], np.diag([7.5**2] * 2))
     assert np.isnan(log.fixes.covariances[4]).all()
     assert "3 of GST, 1 of HDOP, 1 unknown" in log.words
-
-
-@pytest.mark.parametrize("leads", [False, True])
-def test_headings_of_hdt_are_of_their_epoch(tmp_path, leads):
-    lines = []
-    for i in range(4):
-        pair = [gga(START + i, *NEAR, 1.0, 1.0), sentence("GPHDT", 80.0 + i, "T")]
-        lines += [*(reversed(pair) if leads else pair), *([] if i else [rmc(START)])]
-    log = read_nmea(_write(tmp_path / "a.nmea", lines))
-    np.testing.assert_allclose(log.orientations.trajectory.times, START + np.arange(4), atol=1e-6)
-    np.testing.assert_allclose(np.degrees(log.orientations.trajectory.angles[:, 2]), 10.0 - np.arange(4), atol=1e-9)
+    np.testing.assert_allclose(log.orientations.trajectory.times, START + np.arange(3), atol=1e-6)
+    np.testing.assert_allclose(np.degrees(log.orientations.trajectory.angles[:, 2]), 10.0 - np.arange(3), atol=1e-9)
 
 
 def test_orientations_of_pashr(tmp_path):

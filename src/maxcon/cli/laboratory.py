@@ -59,7 +59,7 @@ def simulate(what: Simulated, quiet: Quiet = False) -> None:
     from maxcon.lab import simulation
 
     if what.recording is not None:
-        from maxcon.io.recordings.writing import check_writers
+        from maxcon.io.recordings.recording import check_writers
 
         check_writers()
     options: dict[str, Any] = {"seed": what.seed, "overwrite": what.overwrite}
@@ -76,7 +76,7 @@ def simulate(what: Simulated, quiet: Quiet = False) -> None:
             dataset = simulation.simulate(what.out, n_epochs=what.epochs or 40, **options)
     _print_parts(dataset)
     if what.recording is not None:
-        from maxcon.io.recordings.writing import RecordingKind
+        from maxcon.io.recordings.recording import RecordingKind
         from maxcon.lab.simulation.recordings import record_dataset
 
         print_rows([("recording", str(record_dataset(dataset, RecordingKind(what.recording))))])

@@ -22,8 +22,8 @@ from maxcon.drive.localize import EpochEstimate, failed_epoch
 from maxcon.drive.poses_table import OPTIONS, PosesDataset
 from maxcon.errors import FileError, MaxconError
 from maxcon.estimate import Status
-from maxcon.io.pose_tables import read_pose_table
 from maxcon.io.scans import Scans
+from maxcon.io.text import read_pose_table
 from maxcon.map import PointMap
 
 WHAT = "a table of drives"

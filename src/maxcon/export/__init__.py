@@ -15,9 +15,9 @@ from maxcon.export.formats import (
     write_geopackage,
     write_kitti,
     write_kml,
+    write_mcap,
     write_tum_rows,
 )
-from maxcon.export.mcap import write_mcap
 from maxcon.export.placed_scans import SCAN_SUFFIXES, write_placed_scans
 from maxcon.export.pose_rows import PARQUET, PoseRow, read_rows
 from maxcon.io.scans import Scans

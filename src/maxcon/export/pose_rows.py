@@ -13,8 +13,7 @@ from maxcon._system.regular_file import check_regular
 from maxcon.drive.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
 from maxcon.geometry import Pose
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.pose_tables import read_pose_table
-from maxcon.io.text import parse_float
+from maxcon.io.text import parse_float, read_pose_table
 
 PARQUET = ".parquet"
 WORDS = ("status", "reason")

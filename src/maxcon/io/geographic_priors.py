@@ -13,8 +13,7 @@ from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Fixes, Heights, Orientations, PlacedFixes, ReceiverLog, is_place, place_fixes
 from maxcon.io.nmea import is_nmea, read_nmea
-from maxcon.io.pose_tables import UNCLEAR_HEADINGS, PoseTable, read_pose_table
-from maxcon.io.text import numbered_lines
+from maxcon.io.text import UNCLEAR_HEADINGS, PoseTable, numbered_lines, read_pose_table
 from maxcon.scan.trajectory import Trajectory, first_fault
 
 HEIGHT_COLUMNS = {

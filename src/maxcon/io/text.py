@@ -1,22 +1,24 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Text of other programs: lines, numbers, tables, numbered names; nothing is read without bounds."""
+"""Text of other programs: lines, numbers, numbered names, tables of poses; nothing is read without bounds."""
 
+import csv
 import io
 import math
 import re
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
+from typing import NoReturn, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.regular_file import open_regular
-from maxcon.errors import FileError
+from maxcon.errors import FileError, TrajectoryError
 
 # A pose is about 150 characters; a longer line is another kind of file.
 MAX_LINE = 10_000
@@ -118,3 +120,138 @@ def in_natural_order(paths: list[Path]) -> list[Path]:
         return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
 
     return sorted(paths, key=key)
+
+
+ANGLES = ("roll", "pitch", "heading", "azimuth", "sigma_heading")
+"""In rad, or in degrees as NAME_deg."""
+OTHER_NAMES = {"time": "timestamp"}
+UNCLEAR_HEADINGS = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")
+"""Headings of other programs: some count from the north, or clockwise."""
+
+
+@dataclass(slots=True, eq=False)
+class PoseTable:
+    """Rows of a table, as texts.
+
+    names: of the columns, in small letters; empty if the file holds no line.
+    header_line: counted from 1.
+    lines: of each row.
+    rows: cells, as many as there are names.
+    faults: what is wrong with lines that are no rows, by their numbers.
+    """
+
+    file: Path
+    names: list[str]
+    header_line: int = 0
+    lines: list[int] = field(default_factory=list)
+    rows: list[list[str]] = field(default_factory=list)
+    faults: dict[int, str] = field(default_factory=dict)
+
+    def refuse(self, words: str, line: int | None = None) -> NoReturn:
+        """Raise TrajectoryError because of a line, that of the header if none is given."""
+        raise TrajectoryError(f"{self.file}, line {self.header_line if line is None else line}: {words}")
+
+    def add_fault(self, row: int, words: str) -> None:
+        """Tell what is wrong with a row; the first fault of a line counts."""
+        self.faults.setdefault(self.lines[row], f"{words} Correct or remove this line.")
+
+    def good(self, arrays: Sequence[NDArray[np.float64]], *, may_leave_out: bool) -> list[NDArray[np.float64]]:
+        """Leave out rows with faults, also in arrays of a row each, which are returned.
+
+        TrajectoryError if there are faults but none `may_leave_out`, if most rows have one, or if no row is left.
+        """
+        is_good = np.array([line not in self.faults for line in self.lines], dtype=bool)
+        self.keep(is_good)
+        if self.faults and (not may_leave_out or len(self.faults) > len(self.rows)):
+            raise TrajectoryError(self.told_faults()[0])
+        if not self.rows:
+            raise TrajectoryError(f"{self.file}: Expected at least one pose, got none. Was it written to its end?")
+        return [array[is_good] for array in arrays]
+
+    def told_faults(self) -> tuple[str, ...]:
+        """Faults in order of their lines, with file and line."""
+        return tuple(f"{self.file}, line {line}: {words}" for line, words in sorted(self.faults.items()))
+
+    def keep(self, is_kept: Iterable[object]) -> None:
+        """Leave out the rows for which the value is not true."""
+        kept = [row for row, is_in in enumerate(is_kept) if is_in]
+        self.lines, self.rows = [self.lines[row] for row in kept], [self.rows[row] for row in kept]
+
+    def texts(self, name: str) -> list[str]:
+        """Cells of the column of a name."""
+        index = self.names.index(name)
+        return [cells[index] for cells in self.rows]
+
+    def name_of(self, quantity: str) -> str | None:
+        """Return the name of the column of a quantity, None if there is none; TrajectoryError if there are several."""
+        possible = (quantity, f"{quantity}_deg") if quantity in ANGLES else (quantity,)
+        found = [name for name in self.names if name in possible] or [
+            name for name in self.names if name == OTHER_NAMES.get(quantity)
+        ]
+        if len(found) > 1:
+            self.refuse(
+                f"Expected one column of each name, got more than one {quantity!r} in {','.join(self.names)[:80]!r}."
+                " Rename or remove one."
+            )
+        return found[0] if found else None
+
+    def numbers(self, quantities: Sequence[str], *, may_be_empty: bool = False) -> NDArray[np.float64]:
+        """Return quantities in s, m and rad, shape (n, k); NaN where there is no such column, or its cell is empty.
+
+        Faults: a cell that is no finite number, or is empty unless it `may_be_empty`; an angle of more than a turn; a
+        standard deviation below 0.
+        """
+        found = np.full((len(self.rows), len(quantities)), np.nan)
+        for k, quantity in enumerate(quantities):
+            name = self.name_of(quantity)
+            if name is None:
+                continue
+            scale = math.pi / 180.0 if name.endswith("_deg") else 1.0
+            is_sigma = quantity.startswith("sigma")
+            largest = 2.0 * math.pi + 1e-6 if quantity in ANGLES and not is_sigma else math.inf
+            for row, text in enumerate(self.texts(name)):
+                value = parse_float(text)
+                if value is None:
+                    if text or not may_be_empty:
+                        self.add_fault(row, f"Expected finite numbers as {name!r}, got {text[:40]!r}.")
+                    continue
+                found[row, k] = value * scale
+                if abs(found[row, k]) > largest:
+                    advice = "" if name != quantity else f" Is it in degrees? Then name the column {name}_deg."
+                    self.add_fault(row, f"Expected {name!r} within one turn, got {value:g}.{advice}")
+                if is_sigma and value < 0.0:
+                    self.add_fault(row, f"Expected {name!r} >= 0, got {value:g}.")
+        return found
+
+
+def read_pose_table(file: Path, what: str = "a trajectory", names: Sequence[str] = ()) -> PoseTable:
+    """Return a CSV table with a header, or one of given `names` with blanks between columns; `#` begins a comment.
+
+    `what` it should hold is for messages.
+    """
+    table = PoseTable(file, list(names))
+    for number, line in numbered_lines(file, what):
+        try:
+            cells = _cells(line, is_csv=not names)
+        except csv.Error as error:
+            table.faults[number] = f"Expected comma-separated values, got: {error}. Correct or remove this line."
+            continue
+        if not cells:
+            continue
+        if not table.names:
+            table.names, table.header_line = [name.lower() for name in cells], number
+        elif len(cells) == len(table.names):
+            table.lines.append(number)
+            table.rows.append(cells)
+        else:
+            table.faults[number] = (
+                f"Expected {len(table.names)} columns '{','.join(table.names)[:80]}', got {len(cells)}. Correct this"
+                f" line{'' if not names else ', or name the file .csv if it is CSV'}."
+            )
+    return table
+
+
+def _cells(line: str, *, is_csv: bool) -> list[str]:
+    if not is_csv:
+        return line.partition("#")[0].split()
+    return [] if line.startswith("#") else [text.strip() for text in next(csv.reader([line], strict=True))]

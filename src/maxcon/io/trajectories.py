@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from maxcon._system.atomic import atomic_file
 from maxcon.errors import FileError
 from maxcon.geometry.quaternions import quaternions_from_angles
-from maxcon.io.pose_tables import UNCLEAR_HEADINGS, PoseTable, read_pose_table
+from maxcon.io.text import UNCLEAR_HEADINGS, PoseTable, read_pose_table
 from maxcon.scan.trajectory import Trajectory, first_fault
 
 TUM_COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")

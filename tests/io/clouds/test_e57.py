@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: MIT
 """E57: poses of scans, invalid points, chunks, and the odd files of other programs."""
 
+import sys
+
 import numpy as np
 import pytest
 
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.geometry import Pose
-from maxcon.io.clouds import open_cloud
 from read_clouds import read_cloud
 
 pye57 = pytest.importorskip("pye57")
@@ -46,7 +47,7 @@ def test_poses_are_applied_and_invalid_points_are_none(two_scans, max_points):
     np.testing.assert_allclose(points[~invalid], expected[~invalid], atol=1e-5)  # float32 in the file's scans
 
 
-def test_a_file_that_is_none_and_one_cut_off(two_scans, tmp_path):
+def test_a_file_that_is_none_one_cut_off_and_no_package(two_scans, tmp_path, monkeypatch):
     path = two_scans[0]
     content = path.read_bytes()
     for number, broken in enumerate((b"no", content[: len(content) // 2], b"\0" * 3000, content[:1000] + b"\xff" * 9)):
@@ -55,14 +56,9 @@ def test_a_file_that_is_none_and_one_cut_off(two_scans, tmp_path):
         with pytest.raises(FileError, match=rf"{number}\.e57") as error:
             read_points(file)
         assert "\n" not in str(error.value)
-
-
-def test_without_the_extra(two_scans, monkeypatch):
-    import sys
-
     monkeypatch.setitem(sys.modules, "pye57", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[e57\]'"):
-        open_cloud(two_scans[0])
+        read_points(path)
 
 
 def test_points_of_real_files(real_data):

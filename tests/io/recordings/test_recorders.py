@@ -108,12 +108,9 @@ def test_a_capture_of_packets(recorders):
     np.testing.assert_array_equal(scans.read(1, 0.0, 200.0).points, raws[1].points)
 
 
-def test_one_of_several_topics(recorders):
+def test_one_of_several_topics_and_scans_of_three_floats_that_others_wrote(recorders):
     several = recorders / "ros1bag" / "rms_1xxx_lms_1xx_movement_off.bag"
     assert len(open_scans(several, topic="/cloud")) == 89
-
-
-def test_scans_of_three_floats_that_others_wrote(recorders):
     folder = recorders / "drives" / "gtsam_points" / "newer_06"
     for name in ("raw_00.bin", "raw_01.bin", "deskewed_02.bin"):
         values = np.fromfile(folder / name, "<f4").reshape(-1, 3)

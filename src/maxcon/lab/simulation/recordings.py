@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.recordings.writing import Entry, RecordingKind, write_recording
+from maxcon.io.recordings.recording import Entry, RecordingKind, write_recording
 from maxcon.io.scans import Scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
