@@ -15,7 +15,7 @@ from maxcon.map import PointMap
 from maxcon.mapping.build import MapOptions, build_map
 from maxcon.mapping.build.found_classes import OBSERVATION, observation_records
 from maxcon.mapping.build.tile_points import POINT, TileBuckets, point_records
-from maxcon.mapping.build.tiles import TileJob, TileStep, TileTask, by_threads
+from maxcon.mapping.build.tiles import TileJob, TileStep, by_threads
 
 if sys.platform == "win32":
     pytest.skip("no POSIX signals to kill a worker with", allow_module_level=True)
@@ -105,14 +105,14 @@ def test_every_step_may_be_done_twice_each_by_another_process_and_tiles_wait_in_
     """A tile that takes long, or ends its workers, lets all others wait: they must not do so in memory."""
     job, keys = sorted_points
     with pytest.raises(FileNotFoundError):  # and not an empty tile
-        job.open()(TileTask(TileStep.GATHER, ((99, 99),)))
+        job.open()((TileStep.GATHER, ((99, 99),)))
     for part in (keys[:3], keys[2:]):  # the third by one that took over, too
-        job.open()(TileTask(TileStep.GATHER, tuple(part)))
-    once, twice = (job.open()(TileTask(TileStep.FIND_CLASSES, tuple(keys))) for _ in range(2))
+        job.open()((TileStep.GATHER, tuple(part)))
+    once, twice = (job.open()((TileStep.FIND_CLASSES, tuple(keys))) for _ in range(2))
     assert [found.n_points for found in once] == [found.n_points for found in twice]
     made = []
     for _ in range(2):
-        waiting = job.open()(TileTask(TileStep.MAKE, tuple(keys)))
+        waiting = job.open()((TileStep.MAKE, tuple(keys)))
         assert all(tile.record.content == b"" for tile in waiting)
         made.append([job.fetched(tile) for tile in waiting])
     assert [tile.record for tile in made[0]] == [tile.record for tile in made[1]]
@@ -123,9 +123,9 @@ def test_every_step_may_be_done_twice_each_by_another_process_and_tiles_wait_in_
 
 def test_a_map_without_one_of_its_tiles_is_refused_and_a_folder_that_a_worker_does_not_see(tmp_path):
     job = TileJob(tmp_path / "no", CELL, has_normals=False, is_signed=False)
-    task = TileTask(TileStep.MAKE, ((3, -4), (5, 6)))
+    task = (TileStep.MAKE, ((3, -4), (5, 6)))
     one, _ = job.split(task)
-    assert one == TileTask(TileStep.MAKE, ((3, -4),))
+    assert one == (TileStep.MAKE, ((3, -4),))
     with pytest.raises(MapError, match=r"Expected to make all tiles of the map, but of tile \(3, -4\) it crashes"):
         job.lost(one, "it crashes")
     with pytest.raises(MapError, match=r"Expected all workers to see .*no, got one on .* that does not"):

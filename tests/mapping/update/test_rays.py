@@ -83,8 +83,7 @@ def kept(tiles):
 
 
 def add(within, origin, ends, look, margins, reach=4.0):
-    evidence = [within.evidence[name] for name in ("log_odds", "n_hits", "n_misses", "hit_in")]
-    add_observation(origin, ends, look, CELL, margins, 0.2, reach, WEIGHTS, *within.table, *evidence, within.seen_in)
+    add_observation(origin, ends, look, CELL, margins, 0.2, reach, WEIGHTS, within.table, within.arrays)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -136,12 +135,12 @@ def test_points_far_from_voxels_and_sums_around(seed):
     voxels = np.concatenate([tile.voxels for tile in tiles])
     points = rng.uniform(-4.0, 4.0, (50, 3))
     is_far = np.empty(len(points), bool)
-    are_far_from_voxels(points, 2, CELL, *within.table[:3], is_far)
+    are_far_from_voxels(points, 2, CELL, within.table, is_far)
     apart = np.abs(np.floor(points / CELL).astype(int)[:, None] - voxels).max(axis=2)
     np.testing.assert_array_equal(is_far, apart.min(axis=1) > 2)
     values = rng.integers(0, 5, (len(voxels), 2)).astype(np.float32)
     sums = np.zeros((10, 2))
-    sum_around(voxels[:10], 3, *within.table, values, sums)
+    sum_around(voxels[:10], 3, within.table, values, sums)
     is_near = np.abs(voxels[:10, None] - voxels).max(axis=2) <= 3
     np.testing.assert_array_equal(sums, is_near.astype(float) @ values)
 
@@ -154,5 +153,5 @@ def test_what_hides_a_wall_or_the_ground_is_told_from_what_hides_nothing():
     origin, is_hiding = np.array([0.0, 0.0, 1.0]), np.empty(4, bool)
     ground = np.full((1, 40, 40), np.nan, np.float32)
     ground[0, :, 24:] = 0.0  # of cells of 0.5 m from x = 2 m on
-    hide_known_surfaces(origin, ends, 0.5, 6.0, CELL, *within.table[:3], ground, np.array([-20, -20]), 0.5, is_hiding)
+    hide_known_surfaces(origin, ends, 0.5, 6.0, CELL, within.table, ground, np.array([-20, -20]), 0.5, is_hiding)
     assert is_hiding.tolist() == [True, False, False, True]  # before the wall; at it; away from it; over the ground

@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +30,6 @@ LONGEST_GAP = 10.0  # s; a visit ends where no point of the place was measured f
 LONGEST_VISIT = 20.0  # s; longer ones, of a vehicle that stands, are split
 # Visits with fewer points, or fewer voxels with a normal, are left out.
 LEAST_POINTS, LEAST_PLANES = 2000, 300
-ARRAYS = ("planes", "normals", "points", "point_normals")
 
 LEAST_PAUSE = 60.0  # s; visits of one pass are matched if so much lies between them: until then errors hardly change
 MATCH_FLOOR = 0.001  # m, smallest sigma of a match: two visits see different points of rough walls
@@ -75,8 +74,7 @@ class Places:
         return np.concatenate([part[::every] for part in parts])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Visit:
+class Visit(NamedTuple):
     """What one pass measured of one place; frame: axes of the map, origin in the middle of the place."""
 
     pass_: int  # Number of the pass
@@ -88,28 +86,18 @@ class Visit:
     points: NDArray[np.float32]
     point_normals: NDArray[np.float32]
 
-    @property
-    def point_map(self) -> PointMap:
-        """The planes as a map, for another visit to be matched with."""
-        return PointMap.from_points(self.planes, self.normals, CELL, is_signed=False, sigma=0.0)
-
-    @property
-    def scan(self) -> Scan:
-        """The points as a scan, to be matched with another visit."""
-        return Scan(self.points, self.point_normals)
-
     @staticmethod
     def to_arrays(visits: "Sequence[Visit]") -> dict[str, NDArray[Any]]:
         """Return all arrays of some visits by name."""
-        arrays = {f"{name}_{i}": getattr(visit, name) for i, visit in enumerate(visits) for name in ARRAYS}
-        passes, times = (np.array([getattr(visit, name) for visit in visits]) for name in ("pass_", "time"))
-        return {"passes": passes, "times": times, **arrays}
+        each = ((i, field) for i, visit in enumerate(visits) for field in visit._asdict().items())
+        return {f"{name}_{i}": np.asarray(value) for i, (name, value) in each}
 
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> "list[Visit]":
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> "list[Visit]":
         """Return the visits of `to_arrays`."""
-        numbers = zip(arrays["passes"].tolist(), arrays["times"].tolist(), strict=True)
-        return [cls(*each, *(arrays[f"{name}_{i}"] for name in ARRAYS)) for i, each in enumerate(numbers)]
+        n = len(arrays) // len(Visit._fields)
+        fields: Iterator[list[Any]] = ([arrays[f"{name}_{i}"] for name in Visit._fields] for i in range(n))
+        return [Visit(int(pass_), float(time), *others) for pass_, time, *others in fields]
 
 
 def visits_of(records: NDArray[np.void]) -> list[Visit]:
@@ -181,21 +169,23 @@ def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], correctio
     large, so that all pairs together weigh as much as the independent ones.
     """
     pairs = _pairs(visits)
-    matched = sorted({number for pair in pairs for number in pair})
-    repetition = max(1.0, len(pairs) / max(1, len(matched) - 1))
-    motions = {
-        number: pose_of_twist(corrections.twist_at(middle, visits[number].time, visits[number].pass_))
-        for number in matched
-    }
-    maps = {number: visits[number].point_map for number in sorted({one for one, _ in pairs})}
-    scans = {number: visits[number].scan for number in sorted({other for _, other in pairs})}
+    firsts, seconds = {one for one, _ in pairs}, {other for _, other in pairs}
+    repetition = max(1.0, len(pairs) / max(1, len(firsts | seconds) - 1))
+    motions = [pose_of_twist(corrections.twist_at(middle, visit.time, visit.pass_)) for visit in visits]
+    planes = {number: (visits[number].planes, visits[number].normals) for number in firsts}
+    maps = {number: PointMap.from_points(*each, CELL, is_signed=False, sigma=0.0) for number, each in planes.items()}
+    scans = {number: Scan(visits[number].points, visits[number].point_normals) for number in seconds}
     constraints = []
     for one, other in pairs:
+        first, second = visits[one], visits[other]
         refined = refine(scans[other], maps[one], motions[one].inverse @ motions[other])
         ratio = refined.n_planes / len(scans[other])
+        fault = "they lie farther apart than was looked" if refined.moved > FARTHEST else ""
+        if refined.n_planes < LEAST_POINTS_ON_PLANES or ratio < LEAST_RATIO:
+            fault = "too few points of one lie on planes of the other"
         known = repetition * covariance(refined, MATCH_FLOOR) + _open_covariance(refined)
-        passes, times = (visits[one].pass_, visits[other].pass_), (visits[one].time, visits[other].time)
-        constraints.append(Constraint(middle, passes, times, refined.pose, known, ratio, _fault(refined, ratio)))
+        passes, times = (first.pass_, second.pass_), (first.time, second.time)
+        constraints.append(Constraint(middle, passes, times, refined.pose, known, ratio, fault))
     return constraints
 
 
@@ -228,17 +218,11 @@ def _open_covariance(refined: Refined) -> NDArray[np.float64]:
 
 
 def _pairs(visits: Sequence[Visit]) -> list[tuple[int, int]]:
+    """Numbers of the visits to be matched: not two of one pass within a minute."""
     reach = len(visits) if len(visits) <= MOST_VISITS else MOST_VISITS // 2
     return [
         (one, other)
-        for one in range(len(visits))
-        for other in range(one + 1, min(one + 1 + reach, len(visits)))
-        if visits[one].pass_ != visits[other].pass_ or visits[other].time - visits[one].time > LEAST_PAUSE
+        for one, other in combinations(range(len(visits)), 2)
+        if other - one <= reach
+        and (visits[one].pass_ != visits[other].pass_ or visits[other].time - visits[one].time > LEAST_PAUSE)
     ]
-
-
-def _fault(refined: Refined, ratio: float) -> str:
-    """Why a match is not used, in words; empty if it is."""
-    if refined.n_planes < LEAST_POINTS_ON_PLANES or ratio < LEAST_RATIO:
-        return "too few points of one lie on planes of the other"
-    return "they lie farther apart than was looked" if refined.moved > FARTHEST else ""

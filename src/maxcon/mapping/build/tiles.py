@@ -46,13 +46,8 @@ class TileStep(Enum):
     MAKE = "make"
 
 
-class TileTask(NamedTuple):
-    """One step of some tiles."""
-
-    step: TileStep
-    keys: tuple[TileKey, ...]
-
-
+# One step of some tiles.
+TileTask = tuple[TileStep, tuple[TileKey, ...]]
 # Does a step for tiles, and yields what the method of `TileMaker` returns for each, in their order.
 TileSteps = Callable[[TileStep, Sequence[TileKey]], Iterator[Any]]
 
@@ -85,7 +80,7 @@ class TileJob:
         points, seen = (TileBuckets(self.folder, *kind) for kind in ((POINT, "points"), (OBSERVATION, "seen")))
         maker = TileMaker(self, points, seen)
         do = maker.steps | {TileStep.MAKE: lambda key: self._put_aside(maker.make(key))}
-        return lambda task: [do[task.step](key) for key in task.keys]
+        return lambda task: [do[task[0]](key) for key in task[1]]
 
     def _put_aside(self, made: MadeTile) -> MadeTile:
         """Write the content of a record into a file: all tiles but one may have to wait for that one."""
@@ -105,12 +100,12 @@ class TileJob:
 
     def split(self, task: TileTask) -> Sequence[TileTask]:
         """Return a task for each tile."""
-        return [TileTask(task.step, (key,)) for key in task.keys]
+        return [(task[0], (key,)) for key in task[1]]
 
     def lost(self, task: TileTask, reason: str) -> NoReturn:
         """Raise MapError: no map is made without one of its tiles."""
         raise MapError(
-            f"Expected to {task.step.value} all tiles of the map, but of tile {task.keys[0]} {reason}. Take a"
+            f"Expected to {task[0].value} all tiles of the map, but of tile {task[1][0]} {reason}. Take a"
             " smaller cell, or workers with more memory."
         )
 
@@ -141,20 +136,22 @@ class TileMaker:
             raise
         self._arrays.put(key, "moments", **moments.arrays)
         if self._job.drop is not None:
-            lowest, seen = lowest_heights(moments, self._job.cell), each_once(self._observations.load(key))
-            self._arrays.put(key, "surroundings", lowest=lowest, seen=seen)
+            self._arrays.put(key, "lowest", heights=lowest_heights(moments, self._job.cell))
+            self._arrays.put(key, "observed", records=each_once(self._observations.load(key)))
         self._points.remove(key)
 
     def find_classes(self, key: TileKey) -> FoundInTile:
         """Find and keep the class of each voxel of a tile; it and the tiles around it have been gathered."""
 
-        def around(name: str) -> Callable[[TileKey], Any]:
-            has, get = self._arrays.has, self._arrays.get
-            return lambda near: get(near, "surroundings")[name] if has(near, "surroundings") else None
+        def lowest(near: TileKey) -> NDArray[np.float64] | None:
+            return self._arrays.get(near, "lowest")["heights"] if self._arrays.has(near, "lowest") else None
+
+        def observed(near: TileKey) -> NDArray[np.void] | None:
+            return self._arrays.get(near, "observed")["records"] if self._arrays.has(near, "observed") else None
 
         own, halo = self.moments(key), self._halo(key, NEIGHBOUR_VOXELS, self.moments)
-        lowest, seen, drop = around("lowest"), around("seen"), self._job.drop or frozenset()
-        classes, found = found_in_tile(own, halo, lowest, seen, key, self._job.cell, drop)
+        drop = self._job.drop or frozenset()
+        classes, found = found_in_tile(own, halo, lowest, observed, key, self._job.cell, drop)
         self._arrays.put(key, "classes", classes=classes)
         return found
 
@@ -232,8 +229,8 @@ def by_engine(job: TileJob, engine: Engine, n_points: int, n_tiles: int) -> Iter
 
         def do_all(step: TileStep, keys: Sequence[TileKey]) -> Iterator[Any]:
             starts = range(0, len(keys), n_together)
-            tasks = [TileTask(step, tuple(keys[first : first + n_together])) for first in starts]
-            done = (each for task, results in run(job, tasks) for each in zip(task.keys, results, strict=True))
+            tasks = [(step, tuple(keys[first : first + n_together])) for first in starts]
+            done = (each for task, results in run(job, tasks) for each in zip(task[1], results, strict=True))
             results = in_order_of(keys, done)
             return map(job.fetched, results) if step is TileStep.MAKE else results
 

@@ -60,6 +60,7 @@ VOXEL_ARRAYS = ("columns", "layers", "counts", "normals", "means", "classes")
 # `n_hits`, `n_misses` (n,) int32, observations that hit and missed it; `hit_in` (n, 2) int32, the first and the last
 # observation that hit it, -1 for none.
 Evidence = dict[str, NDArray[Any]]
+EVIDENCE = ("log_odds", "n_hits", "n_misses", "hit_in")
 
 
 # --- the definition, in plain NumPy; `ray_kernels` does the same for many (D7) ----------------------------------
@@ -130,6 +131,11 @@ def classes_of(tile: VoxelTile) -> NDArray[np.uint8]:
     return np.full(len(tile), SurfaceClass.KNOWN, np.uint8) if tile.classes is None else tile.classes
 
 
+def table_of(lookup: VoxelLookup, firsts: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
+    """Table of `ray_kernels` of some tiles; `firsts`: the place of each one's first voxel in arrays of all voxels."""
+    return lookup.rows, lookup.grid, np.array(lookup.corner), np.concatenate([[0], firsts])
+
+
 def initial_evidence(classes: NDArray[np.uint8], options: UpdateOptions) -> Evidence:
     """Evidence of voxels before the first observation: log-odds by their classes (or `CANDIDATE`)."""
     start, n = np.zeros(256, np.float32), len(classes)
@@ -165,21 +171,16 @@ class SurfaceFiles:
 class SurfacesInReach:
     """Several tiles in one table, as the kernels take them; their evidence is copied.
 
-    table: the lookup of the tiles (rows, grid, corner), and the place of the first voxel of each row of it in the
-        arrays of `evidence`.
-    evidence: of all voxels, tile after tile.
-    seen_in: (n,) the last observation that hit or missed a voxel.
+    table, arrays: as of `ray_kernels`, of all voxels, tile after tile.
     """
 
     def __init__(self, surfaces: Sequence[Surfaces]) -> None:
         tiles = [each.tile for each in surfaces]
         self._ends = np.cumsum([0, *map(len, tiles)])
-        lookup, offsets = VoxelLookup.of(tiles), np.concatenate([[0], self._ends[:-1]])
-        self.table = lookup.rows, lookup.grid, np.array(lookup.corner), offsets
-        names = surfaces[0].evidence
-        self.evidence = {name: np.concatenate([each.evidence[name] for each in surfaces]) for name in names}
-        self.seen_in = np.full(self._ends[-1], -1, np.int32)
-        self._lookup = lookup  # it holds the memory that `rows` points to
+        self._lookup = VoxelLookup.of(tiles)  # it holds the memory that its rows point to
+        self.table = table_of(self._lookup, self._ends[:-1])
+        self.evidence = {name: np.concatenate([each.evidence[name] for each in surfaces]) for name in EVIDENCE}
+        self.arrays = (*self.evidence.values(), np.full(self._ends[-1], -1, np.int32))
 
     def of_tile(self, number: int) -> Evidence:
         """Evidence of one of the tiles."""
@@ -225,14 +226,13 @@ def gather_evidence(
     for part, keys in _stretches(observations, files, lambda each: _keys_around(each, point_map, options)):
         if keys:
             within = SurfacesInReach([files.load(key) for key in keys])
-            evidence = [within.evidence[name] for name in ("log_odds", "n_hits", "n_misses", "hit_in")]
             for number, each in enumerate(part, first):
                 origin, ends = each.pose.position, each.ends(drives, options)
                 distances = np.linalg.norm(ends - origin, axis=1)
                 margins = options.margins(each.sigma_position, each.sigma_angle, point_map.sigma, distances)
                 add_observation(
                     origin, ends, number, point_map.cell, margins, options.least_cosine, options.reach, weights,
-                    *within.table, *evidence, within.seen_in,
+                    within.table, within.arrays,
                 )  # fmt: skip
                 report("weighing observations", number + 1, len(observations))
             for number, key in enumerate(keys):
@@ -280,15 +280,15 @@ def _sort_unknown_points(
     is_in_reach = (distances <= options.reach) & (distances > 0.0)
     ends, to_sensor, distances = ends[is_in_reach], to_sensor[is_in_reach], distances[is_in_reach]
     lookup = VoxelLookup.of(point_map.tiles_within(pose.x, pose.y, options.reach + BEHIND[1]))
-    table = lookup.rows, lookup.grid, np.array(lookup.corner)
+    table = table_of(lookup, np.zeros(len(lookup.rows) - 1, np.int64))
     is_far = np.empty(len(ends), bool)
-    are_far_from_voxels(ends, NEAR_VOXELS, point_map.cell, *table, is_far)
+    are_far_from_voxels(ends, NEAR_VOXELS, point_map.cell, table, is_far)
     rows = np.flatnonzero(is_far)
     patch = point_map.ground_around(pose.x, pose.y, options.reach + BEHIND[1])
     rows = rows[~_are_on_ground(ends[rows], patch)]
     is_hiding = np.empty(len(rows), bool)
     hide_known_surfaces(
-        pose.position, ends[rows], *BEHIND, point_map.cell, *table, patch.heights, np.array(patch.first), patch.edge,
+        pose.position, ends[rows], *BEHIND, point_map.cell, table, patch.heights, np.array(patch.first), patch.edge,
         is_hiding,
     )  # fmt: skip
     rows = rows[is_hiding]

@@ -1,11 +1,28 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `evidence`)."""
+"""Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `evidence`).
+
+`table` is (rows, grid, corner) of a `VoxelLookup` and offsets, (n_tiles + 1,) int64: the place of the first voxel of
+each of its rows in the arrays of all voxels. `evidence` are such arrays: log_odds (m,) float32; n_hits, n_misses (m,)
+int32, observations; hit_in (m, 2) int32, the first and the last observation that hit each, -1 for none; seen_in (m,)
+int32, the last observation that hit or missed it.
+"""
 
 import numpy as np
 
 from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
+
+
+@njit(nogil=True, cache=True)
+def _place_of_voxel(x, y, z, table):
+    """Place of a voxel in the arrays of all voxels; -1 if it is not held."""
+    rows, grid, corner, offsets = table
+    row, patch = find_patch(x, y, z, rows, grid, corner)
+    if row == 0:
+        return np.int64(-1)
+    is_held, number = find_in_patch(x, y, row, patch, rows)
+    return offsets[row] + np.int64(number) if is_held else np.int64(-1)
 
 
 @njit(nogil=True, cache=True)
@@ -44,30 +61,24 @@ def _add(k, weight, lowest, highest, log_odds):
 
 
 @njit(nogil=True, cache=True)
-def _mark_hits(end, scan, cell, weights, rows, grid, corner, offsets, log_odds, n_hits, hit_in, seen_in):
+def _mark_hits(end, scan, cell, weights, table, evidence):
     """Count a hit of the voxel that a ray ended in, and of the 26 around it, once per observation."""
     hit, _, lowest, highest = weights
+    log_odds, n_hits, _, hit_in, seen_in = evidence
     x0 = np.int64(np.floor(end[0] / cell))
     y0 = np.int64(np.floor(end[1] / cell))
     z0 = np.int64(np.floor(end[2] / cell))
     for z in range(z0 - 1, z0 + 2):
         for y in range(y0 - 1, y0 + 2):
             for x in range(x0 - 1, x0 + 2):
-                row, patch = find_patch(x, y, z, rows, grid, corner)
-                if row == 0:
-                    continue
-                is_held, number = find_in_patch(x, y, row, patch, rows)
-                if not is_held:
-                    continue
-                k = offsets[row] + np.int64(number)
-                if seen_in[k] == scan:
-                    continue
-                seen_in[k] = scan
-                n_hits[k] += 1
-                if hit_in[k, 0] < 0:
-                    hit_in[k, 0] = scan
-                hit_in[k, 1] = scan
-                _add(k, hit, lowest, highest, log_odds)
+                k = _place_of_voxel(x, y, z, table)
+                if k >= 0 and seen_in[k] != scan:
+                    seen_in[k] = scan
+                    n_hits[k] += 1
+                    if hit_in[k, 0] < 0:
+                        hit_in[k, 0] = scan
+                    hit_in[k, 1] = scan
+                    _add(k, hit, lowest, highest, log_odds)
 
 
 @njit(nogil=True, cache=True)
@@ -82,15 +93,14 @@ def _first_border(place, along, cell):
 
 
 @njit(nogil=True, cache=True)
-def _walk(
-    origin, end, scan, cell, margin, least_cosine, reach, weights, rows, grid, corner, offsets, log_odds, n_misses,
-    seen_in,
-):  # fmt: skip
+def _walk(origin, end, scan, cell, margin, least_cosine, reach, weights, table, evidence):
     """Add a miss to each voxel that a ray saw through, unless a ray of the same observation judged it before.
 
     Voxels are visited along the ray (Amanatides and Woo 1987); a patch without any is looked up only once.
     """
     _, miss, lowest, highest = weights
+    rows, grid, corner, offsets = table
+    log_odds, _, n_misses, _, seen_in = evidence
     dx, dy, dz = end[0] - origin[0], end[1] - origin[1], end[2] - origin[2]
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
     if length == 0.0:
@@ -128,61 +138,45 @@ def _walk(
 
 
 @njit(nogil=True, cache=True)
-def add_observation(
-    origin, ends, scan, cell, margins, least_cosine, reach, weights, rows, grid, corner, offsets, log_odds, n_hits,
-    n_misses, hit_in, seen_in,
-):  # fmt: skip
+def add_observation(origin, ends, scan, cell, margins, least_cosine, reach, weights, table, evidence):
     """Add one observation to the evidence of the voxels: first hits, then misses.
 
-    origin : (3,) float64, the sensor; ends : (n, 3) float64, local frame, m; scan : number of the
-    observation, rising from 0; margins : (n,) float64, m, of each ray, see `evidence.is_miss`;
-    weights : (hit, miss, lowest, highest).
-    rows, grid, corner : of a `VoxelLookup`; offsets : (n_tiles + 1,) int64, place of the first voxel of each of its
-    rows in the following, all of them out: log_odds (m,) float32; n_hits, n_misses (m,) int32, observations;
-    hit_in (m, 2) int32, the first and the last observation that hit it, -1 for none; seen_in (m,) int32, the last
-    observation that hit or missed it.
+    origin : (3,) float64, the sensor; ends : (n, 3) float64, local frame, m; scan : number of the observation, rising
+    from 0; margins : (n,) float64, m, of each ray, see `evidence.is_miss`; weights : (hit, miss, lowest, highest).
     """
     for i in range(ends.shape[0]):
         dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
         if dx * dx + dy * dy + dz * dz <= reach * reach:
-            _mark_hits(ends[i], scan, cell, weights, rows, grid, corner, offsets, log_odds, n_hits, hit_in, seen_in)
+            _mark_hits(ends[i], scan, cell, weights, table, evidence)
     for i in range(ends.shape[0]):
-        _walk(
-            origin, ends[i], scan, cell, margins[i], least_cosine, reach, weights, rows, grid, corner, offsets,
-            log_odds, n_misses, seen_in,
-        )  # fmt: skip
+        _walk(origin, ends[i], scan, cell, margins[i], least_cosine, reach, weights, table, evidence)
 
 
 @njit(nogil=True, cache=True)
-def are_far_from_voxels(points, reach, cell, rows, grid, corner, is_far):
-    """Find the points whose voxel is farther than `reach` voxels, along each axis, from any that is held.
+def _is_far(point, reach, cell, table):
+    """Whether the voxel of a point is farther than `reach` voxels, along each axis, from any that is held."""
+    place = point[0] / cell, point[1] / cell, point[2] / cell
+    reaches = np.float64(reach), np.float64(reach), np.float64(reach)
+    if not is_near_voxels(place, reaches, table[0], table[1], table[2]):
+        return True
+    x0, y0, z0 = np.int64(np.floor(place[0])), np.int64(np.floor(place[1])), np.int64(np.floor(place[2]))
+    for z in range(z0 - reach, z0 + reach + 1):
+        for y in range(y0 - reach, y0 + reach + 1):
+            for x in range(x0 - reach, x0 + reach + 1):
+                if _place_of_voxel(x, y, z, table) >= 0:
+                    return False
+    return True
 
-    points : (n, 3) float64, local frame, m; is_far : (n,) bool, out.
-    """
+
+@njit(nogil=True, cache=True)
+def are_far_from_voxels(points, reach, cell, table, is_far):
+    """Find the points, (n, 3) float64, local frame, m, that are far from any voxel; is_far : (n,) bool, out."""
     for i in range(points.shape[0]):
-        is_far[i] = True
-        place = points[i, 0] / cell, points[i, 1] / cell, points[i, 2] / cell
-        reaches = np.float64(reach), np.float64(reach), np.float64(reach)
-        if not is_near_voxels(place, reaches, rows, grid, corner):
-            continue
-        x0, y0, z0 = np.int64(np.floor(place[0])), np.int64(np.floor(place[1])), np.int64(np.floor(place[2]))
-        for z in range(z0 - reach, z0 + reach + 1):
-            for y in range(y0 - reach, y0 + reach + 1):
-                for x in range(x0 - reach, x0 + reach + 1):
-                    row, patch = find_patch(x, y, z, rows, grid, corner)
-                    if row != 0 and find_in_patch(x, y, row, patch, rows)[0]:
-                        is_far[i] = False
-                        break
-                if not is_far[i]:
-                    break
-            if not is_far[i]:
-                break
+        is_far[i] = _is_far(points[i], reach, cell, table)
 
 
 @njit(nogil=True, cache=True)
-def hide_known_surfaces(
-    origin, ends, clearance, most, cell, rows, grid, corner, heights, first, edge, is_hiding
-):  # fmt: skip
+def hide_known_surfaces(origin, ends, clearance, most, cell, table, heights, first, edge, is_hiding):
     """Find the rays whose extension behind their end meets a voxel or the ground of the map.
 
     origin : (3,) float64; ends : (n, 3) float64, local frame, m; clearance, most : from where to where behind the end
@@ -198,8 +192,6 @@ def hide_known_surfaces(
         if length == 0.0:
             continue
         dx, dy, dz = dx / length, dy / length, dz / length
-        here_x = here_y = here_z = np.int64(-(2**40))
-        row, patch = np.uint64(0), np.uint64(0)
         for k in range(n_steps):
             t = clearance + k * step
             x, y, z = ends[i, 0] + t * dx, ends[i, 1] + t * dy, ends[i, 2] + t * dz
@@ -210,32 +202,23 @@ def hide_known_surfaces(
             for level in range(heights.shape[0]):
                 if abs(z - heights[level, line, column]) <= edge:  # comparisons with NaN are false
                     is_hiding[i] = is_hiding[i] or z <= heights[level, line, column]
-            vx, vy, vz = (np.int64(np.floor(x / cell)), np.int64(np.floor(y / cell)), np.int64(np.floor(z / cell)))
-            if vx >> PATCH_BITS != here_x or vy >> PATCH_BITS != here_y or vz != here_z:
-                here_x, here_y, here_z = vx >> PATCH_BITS, vy >> PATCH_BITS, vz
-                row, patch = find_patch(vx, vy, vz, rows, grid, corner)
-            if row != 0 and find_in_patch(vx, vy, row, patch, rows)[0]:
+            voxel = np.int64(np.floor(x / cell)), np.int64(np.floor(y / cell)), np.int64(np.floor(z / cell))
+            if is_hiding[i] or _place_of_voxel(voxel[0], voxel[1], voxel[2], table) >= 0:
                 is_hiding[i] = True
-            if is_hiding[i]:
                 break
 
 
 @njit(nogil=True, cache=True)
-def sum_around(voxels, reach, rows, grid, corner, offsets, values, sums):
+def sum_around(voxels, reach, table, values, sums):
     """Sum the values of the voxels within `reach` voxels, along each axis, of each of some voxels and of itself.
 
-    voxels : (n, 3) int32; values : (m, c) float32, in the order of `add_observation`; sums : (n, c) float64,
-    zeroed, out.
+    voxels : (n, 3) int32; values : (m, c) float32, of all voxels; sums : (n, c) float64, zeroed, out.
     """
     for i in range(voxels.shape[0]):
         for z in range(voxels[i, 2] - reach, voxels[i, 2] + reach + 1):
             for y in range(voxels[i, 1] - reach, voxels[i, 1] + reach + 1):
                 for x in range(voxels[i, 0] - reach, voxels[i, 0] + reach + 1):
-                    row, patch = find_patch(x, y, z, rows, grid, corner)
-                    if row == 0:
-                        continue
-                    is_held, number = find_in_patch(x, y, row, patch, rows)
-                    if is_held:
-                        k = offsets[row] + np.int64(number)
+                    k = _place_of_voxel(x, y, z, table)
+                    if k >= 0:
                         for c in range(values.shape[1]):
                             sums[i, c] += values[k, c]

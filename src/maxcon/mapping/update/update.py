@@ -65,7 +65,12 @@ def update_map(
     the map; or if the map or a scan cannot be read, or `out` cannot be written.
     """
     options, report = options or UpdateOptions(), progress or (lambda step, done, total: None)
-    _check(parent, drives, out)
+    if not drives or Path(out).resolve() == Path(parent).resolve():
+        raise OptionError(
+            f"Expected at least one drive, and another folder than the map itself, got {len(drives)} drives and {out}."
+        )
+    if twice := [key for key, n in Counter((drive.name, drive.sha256) for drive in drives).items() if n > 1]:
+        raise OptionError(f"Expected each drive once, got {twice[0][0]} more than once. Name it once.")
     if overwrite:
         check_replaceable(out, "a map", MAP_NAMES)
     files = open_storage(parent)
@@ -83,25 +88,14 @@ def update_map(
         work.mkdir()
         evidence = gather_evidence(point_map, drives, observations, options, work, report)
         with MapWriter(folder) as writer:
-            copier = _Copier(files, manifest, writer)
-            keys = sorted(point_map.tile_keys | evidence.n_voxels.keys())
-            classified = classify(evidence, observations, options)
-            for done, key in enumerate(keys, 1):
-                if key in evidence.n_voxels:
-                    copier.put_classified(*next(classified))
-                else:
-                    copier.put_unchanged(key)
-                report("writing tiles", done, len(keys))
-            ground = Section(files, manifest, GROUND)
-            for key in sorted(ground.keys):
-                writer.put(ground.record(key))
+            counts = _write_tiles(writer, files, manifest, evidence, classify(evidence, observations, options), report)
             rmtree(work)
             update = {
                 "program": f"maxcon {__version__}",
                 "parent": {"name": Path(parent).name, "sha256": manifest.sha256},
                 "drives": _describe(drives, observations),
                 "options": asdict(options),
-                **copier.counts,
+                **counts,
             }
             return writer.finish(
                 cell=manifest.cell,
@@ -113,63 +107,42 @@ def update_map(
             )
 
 
-def _check(parent: str | os.PathLike[str], drives: Sequence[LocalizedDrive], out: str | os.PathLike[str]) -> None:
-    """Refuse no drives, a drive twice, and to write over the map itself."""
-    if not drives:
-        raise OptionError("Expected at least one drive to update a map with, got none. Name one.")
-    twice = [name for (name, _), n in Counter((drive.name, drive.sha256) for drive in drives).items() if n > 1]
-    if twice:
-        raise OptionError(
-            f"Expected each drive once, got {twice[0]} more than once: its observations count once. Name it once."
-        )
-    if Path(out).resolve() == Path(parent).resolve():
-        raise OptionError(f"Expected another folder than the map itself, got {out} for both. Name a new one.")
-
-
-class _Copier:
-    """Writes the tiles of the map into its new version, changed or as they are, and counts what changed."""
-
-    def __init__(self, files: MapStorage, manifest: Manifest, writer: MapWriter) -> None:
-        self._tiles = Section(files, manifest, TILES)
-        self._classes = Section(files, manifest, CLASSES)
-        self._writer = writer
-        changes = ("n_judged", "n_now_gone", "n_now_new", "n_back")
-        self.counts: dict[str, int] = dict.fromkeys([*changes, *(f"n_{each.name.lower()}" for each in SurfaceClass)], 0)
-
-    def put_unchanged(self, key: TileKey) -> None:
-        """Write a tile that no observation reaches."""
-        record = self._tiles.record(key)
-        self._writer.put(record)
-        classes = np.full(record.n_rows, SurfaceClass.KNOWN, np.uint8)
-        if key in self._classes.keys:
-            self._writer.put(self._classes.record(key))
-            (classes,) = self._classes.columns(key)
-        self._count(classes)
-
-    def put_classified(self, surfaces: Surfaces, classes: NDArray[np.uint8]) -> None:
-        """Write a tile with the classes that were found; candidates that are not new are left out."""
-        before, is_kept = surfaces.classes, classes != CANDIDATE
-        tile = replace(surfaces.tile.rows(is_kept), classes=classes[is_kept])
-        if not len(tile):
-            return
-        is_added = before[is_kept] == CANDIDATE
-        self._writer.put(tile_record(tile) if is_added.any() else self._tiles.record(tile.key))
-        if classes[is_kept].any():
-            self._writer.put(classes_record(tile))
-        self._count(classes[is_kept])
-        is_seen = surfaces.evidence["n_hits"] + surfaces.evidence["n_misses"] > 0
-        was_gone = before == SurfaceClass.GONE
-        for name, is_changed in (
-            ("n_judged", is_seen & (before != CANDIDATE)),
-            ("n_now_gone", (classes == SurfaceClass.GONE) & ~was_gone),
-            ("n_now_new", is_added),
-            ("n_back", (classes == SurfaceClass.NEW) & was_gone),
-        ):
-            self.counts[name] += int(is_changed.sum())
-
-    def _count(self, classes: NDArray[np.uint8]) -> None:
+def _write_tiles(
+    writer: MapWriter, files: MapStorage, manifest: Manifest, evidence: SurfaceFiles,
+    classified: Iterator[tuple[Surfaces, NDArray[np.uint8]]], report: Progress,
+) -> dict[str, int]:  # fmt: skip
+    """Write the tiles of the map, classified or as they are, and its ground; return how many voxels changed."""
+    tiles, old_classes, ground = (Section(files, manifest, name) for name in (TILES, CLASSES, GROUND))
+    names = ("n_judged", "n_now_gone", "n_now_new", "n_back", *(f"n_{each.name.lower()}" for each in SurfaceClass))
+    counts, keys = dict.fromkeys(names, 0), sorted(tiles.keys | evidence.n_voxels.keys())
+    for done, key in enumerate(keys, 1):
+        if key in evidence.n_voxels:
+            surfaces, found = next(classified)
+            before, is_kept = surfaces.classes, found != CANDIDATE  # candidates that are not new are left out
+            classes, is_added, was_gone = found[is_kept], before[is_kept] == CANDIDATE, before == SurfaceClass.GONE
+            tile = replace(surfaces.tile.rows(is_kept), classes=classes)
+            if len(tile):
+                writer.put(tile_record(tile) if is_added.any() else tiles.record(key))
+            if classes.any():
+                writer.put(classes_record(tile))
+            is_seen = surfaces.evidence["n_hits"] + surfaces.evidence["n_misses"] > 0
+            counts["n_judged"] += int((is_seen & (before != CANDIDATE)).sum())
+            counts["n_now_gone"] += int(((found == SurfaceClass.GONE) & ~was_gone).sum())
+            counts["n_now_new"] += int(is_added.sum())
+            counts["n_back"] += int(((found == SurfaceClass.NEW) & was_gone).sum())
+        else:
+            record = tiles.record(key)
+            writer.put(record)
+            classes = np.full(record.n_rows, SurfaceClass.KNOWN, np.uint8)
+            if key in old_classes.keys:
+                writer.put(old_classes.record(key))
+                (classes,) = old_classes.columns(key)
         for each in SurfaceClass:
-            self.counts[f"n_{each.name.lower()}"] += int(np.count_nonzero(classes == each))
+            counts[f"n_{each.name.lower()}"] += int(np.count_nonzero(classes == each))
+        report("writing tiles", done, len(keys))
+    for key in sorted(ground.keys):
+        writer.put(ground.record(key))
+    return counts
 
 
 def _describe(drives: Sequence[LocalizedDrive], observations: Sequence[Observation]) -> list[Mapping[str, Any]]:
@@ -201,8 +174,8 @@ def classify(
 
     def around(key: TileKey) -> list[TileKey]:
         """Keys of a tile and of those around it that there are."""
-        near = [(key[0] + dx, key[1] + dy) for dx, dy in product(AROUND, AROUND) if (dx, dy) != (0, 0)]
-        return [key, *(each for each in near if each in files.n_voxels)]
+        near = {(key[0] + dx, key[1] + dy) for dx, dy in product(AROUND, AROUND)} & files.n_voxels.keys()
+        return [key, *sorted(near - {key})]
 
     load = lru_cache(CACHED_TILES)(files.load)
     for key in keys:
@@ -236,7 +209,7 @@ def _first_classes(
     of_map = np.where(is_candidate, 0, 1)
     values = np.column_stack([is_missed, is_new, of_map * n_misses, of_map * n_hits])
     sums, voxels = np.zeros((len(rows), 4)), np.ascontiguousarray(around[0].tile.voxels[rows])
-    sum_around(voxels, NEIGHBOURHOOD, *within.table, values.astype(np.float32), sums)
+    sum_around(voxels, NEIGHBOURHOOD, within.table, values.astype(np.float32), sums)
     n_missed, n_new, misses, hits = sums.T
     ratio = misses / np.maximum(misses + hits, 1.0)
     is_gone = is_missed[rows] & (n_missed >= options.least_voxels) & (ratio >= options.least_share)
