@@ -5,10 +5,8 @@
 No kernel is named here: what the public functions call is compiled, also what they will call one day.
 """
 
-import tempfile
-import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from enum import Enum
 from itertools import product
 from pathlib import Path
@@ -17,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon._system.kernel_cache import on_compilation
 from maxcon.geometry import Pose
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
@@ -35,50 +32,15 @@ LARGER = 5.0
 LONELY = np.array([[40.0, 0.0, 0.0]])
 
 
-@dataclass(frozen=True, slots=True)
-class Compiled:
-    """What became of one part of the warm-up.
-
-    seconds: how long it took.
-    n_functions: functions compiled; 0 if their code was there already.
-    """
-
-    seconds: float
-    n_functions: int
-
-
-Report = Callable[[str, Compiled | None], None]
-"""Called with a part and None before it begins, and again with what became of it."""
-
-
-def warm_up(report: Report) -> None:
-    """Compile all that building maps and localizing call, and keep the code for later processes.
-
-    report: called before and after each part.
-    """
-    with tempfile.TemporaryDirectory(prefix="maxcon-warmup-") as folder:
-        for part, run in (
-            ("building maps", lambda: _build(Path(folder))),
-            ("normals of scans", lambda: _scan().normals),
-            ("search in maps in memory", _search_in_memory),
-            ("search in maps on disk", lambda: _search_on_disk(Path(folder))),
-            ("search without a prior", _search_without_prior),
-        ):
-            report(part, None)
-            report(part, _timed(run))
-
-
-def _timed(run: Callable[[], object]) -> Compiled:
-    n_functions = 0
-
-    def count() -> None:
-        nonlocal n_functions
-        n_functions += 1
-
-    start = time.perf_counter()
-    with on_compilation(count):
-        run()
-    return Compiled(time.perf_counter() - start, n_functions)
+def parts_to_compile(folder: Path) -> dict[str, Callable[[], object]]:
+    """Return what compiles all that building maps and localizing call, part by part; files are made in `folder`."""
+    return {
+        "building maps": lambda: _build(folder),
+        "normals of scans": lambda: _scan().normals,
+        "search in maps in memory": _search_in_memory,
+        "search in maps on disk": lambda: _search_on_disk(folder),
+        "search without a prior": _search_without_prior,
+    }
 
 
 def _room() -> tuple[NDArray[np.float64], NDArray[np.float64]]:

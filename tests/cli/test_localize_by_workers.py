@@ -3,14 +3,12 @@
 """`maxcon localize` by several workers and of many drives: the rows of single calls, in one dataset that goes on."""
 
 import json
-import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from contextlib import ExitStack
-from pathlib import Path
 from threading import Thread
 
 import pyarrow
@@ -18,23 +16,17 @@ import pyarrow.dataset
 import pytest
 
 from localized_poses import rows_of
-from maxcon.drive.poses_table import PosesDataset
+from maxcon.drive.poses_table import FORMATS, PosesDataset
 from maxcon.map.manifest import read_manifest, write_manifest
 
 NARROW = ("--half-width", "1.2", "--heading-half-width-deg", "1", "--cell", "0.06")
 N_EPOCHS = 40
-DIGITS = {
-    **dict.fromkeys(("x", "y", "z", "protection_along", "protection_across"), ".4f"),
-    **dict.fromkeys(("time", "roll", "pitch", "heading"), ".9f"),
-    "score": ".6g",
-}
 
 
 def as_csv(row):
     """The cells of POSES.csv for a row of the dataset, without the milliseconds."""
-    digits = DIGITS | {name: ".6g" for name in row if name.startswith("cov_")} | {"ms": ""}
-    cells = {name: "" if cell is None else format(cell, digits.get(name, "")) for name, cell in row.items()}
-    return {name: cell for name, cell in cells.items() if name not in ("epoch", "drive")} | {"ms": ""}
+    cells = {name: "" if row[name] is None else format(row[name], digits) for name, digits in FORMATS.items()}
+    return cells | {"ms": ""}
 
 
 def dataset_rows(out, name):
@@ -260,22 +252,3 @@ def test_a_cluster_started_by_hand_makes_the_same_rows(drive, long_drive, long_t
     assert ended.out == f"44 of 44 epochs of 2 drives localized; in {out}\n"
     for name, parts in {"long": long_drive, "0013": (drive.dataset.scans, drive.dataset.prior)}.items():
         assert dataset_rows(out, name) == single(name, *parts)
-
-
-@pytest.mark.clusters
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc: processes cannot be watched")
-def test_a_drive_s_workers_may_be_killed(drive, long_drive, maxcon_process, single, tmp_path):
-    out = tmp_path / "poses.csv"
-    arguments = ("localize", drive.city, long_drive[0], "--prior", long_drive[1], "-o", out, *NARROW)
-    with maxcon_process(*arguments, "--workers", "2") as process:
-        workers = []
-        while len(workers) < 2 and process.poll() is None:  # the second is started once the first answers
-            time.sleep(0.01)
-            tasks = Path(f"/proc/{process.pid}/task").glob("*/children")
-            children = [int(child) for task in tasks for child in task.read_text().split()]
-            workers = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-        for worker in workers:
-            os.kill(worker, signal.SIGKILL)
-        _, err = process.communicate(timeout=900)
-    assert (process.returncode, err, len(workers)) == (0, "", 2)
-    assert rows_of(out) == single("long", *long_drive)

@@ -107,18 +107,6 @@ def stop_when_begun(maxcon_process):
 
 
 @pytest.fixture
-def ended(maxcon_process):
-    """Run a command to its end; its exit code, stdout and stderr."""
-
-    def run(*arguments, script):
-        with maxcon_process(*arguments, script=script) as process:
-            written, err = process.communicate(timeout=600)
-        return process.returncode, written, err
-
-    return run
-
-
-@pytest.fixture
 def build(drive, out):
     clouds = drive.dataset.map_clouds
     return ("map", "build", *clouds, "--trajectory", drive.dataset.map_trajectory, "-o", out / "city.map")
@@ -130,14 +118,6 @@ def test_a_build_that_is_stopped_leaves_nothing(stop_when_begun, build, out, num
     code, err = stop_when_begun(number, lambda: list(out.glob(f".city.map.partial-*/*/{stage}")), *build)
     assert (code, err) == (128 + number, "")
     assert list(out.iterdir()) == []
-
-
-def test_a_build_that_is_killed_leaves_no_map(stop_when_begun, build, out, maxcon, refused):
-    code, _ = stop_when_begun(signal.SIGKILL, lambda: list(out.glob(".city.map.partial-*/*/tiles")), *build)
-    assert code == -signal.SIGKILL
-    refused(maxcon("map", "info", out / "city.map"), "no such folder")
-    assert maxcon(*build).code == 0
-    assert maxcon("map", "info", out / "city.map", "--check").code == 0
 
 
 def test_what_ignores_hangups_goes_on(stop_when_begun, build, out):
@@ -152,21 +132,23 @@ def test_where_there_is_no_hangup_nothing_waits_for_one(maxcon, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
-def test_a_signal_that_is_swallowed_ends_the_command_all_the_same(ended, out, name):
-    stopped = ended("map", "build", "a.npz", "-o", out / "a.map", script=SWALLOWS.format(name=name))
+def test_a_signal_that_is_swallowed_ends_the_command_all_the_same(maxcon_in_process_of_its_own, out, name):
+    build = ("map", "build", "a.npz", "-o", out / "a.map")
+    stopped = maxcon_in_process_of_its_own(*build, script=SWALLOWS.format(name=name))
     assert stopped == (128 + getattr(signal, name), "went on", "")
     assert list(out.iterdir()) == []
 
 
-def test_cleaning_up_is_not_interrupted(ended):
+def test_cleaning_up_is_not_interrupted(maxcon_in_process_of_its_own):
     started = time.monotonic()
-    stopped = ended("map", "build", "a.npz", "-o", "a.map", script=CLEANS_UP)
+    stopped = maxcon_in_process_of_its_own("map", "build", "a.npz", "-o", "a.map", script=CLEANS_UP)
     assert stopped == (128 + signal.SIGTERM, "cleaned up\n", "")
     assert time.monotonic() - started > 1.0
 
 
 @pytest.mark.parametrize("error", ["SystemError('a result with an exception set')", "FileError('not complete')"])
-def test_a_stop_that_became_another_error_on_its_way(ended, drive, out, error):
+def test_a_stop_that_became_another_error_on_its_way(maxcon_in_process_of_its_own, drive, out, error):
     arguments = ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", out / "poses.csv")
-    assert ended(*arguments, script=BECOMES_ANOTHER.format(error=error)) == (128 + signal.SIGTERM, "", "")
+    script = BECOMES_ANOTHER.format(error=error)
+    assert maxcon_in_process_of_its_own(*arguments, script=script) == (128 + signal.SIGTERM, "", "")
     assert list(out.iterdir()) == []

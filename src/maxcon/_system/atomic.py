@@ -135,10 +135,9 @@ def check_folder(path: str | os.PathLike[str]) -> None:
     """Refuse a folder for outputs that is a file, or is in one; FileError if so."""
     try:
         there = next(place for place in (Path(path), *Path(path).absolute().parents) if place.exists())
-        is_folder = there.is_dir()
     except OSError as error:
         raise _cannot_write(path, error) from error
-    if not is_folder:
+    if not there.is_dir():
         raise FileError(f"Expected a folder to write into, {path}, got the file {there}. Name another.")
 
 

@@ -50,15 +50,12 @@ class Job(Protocol[TaskT, ResultT_co]):
 
     def open(self) -> Callable[[TaskT], ResultT_co]:
         """Open what the tasks need; return what does one of them."""
-        ...
 
     def split(self, task: TaskT) -> Sequence[TaskT]:
         """Return the smallest tasks that do the same; the task itself where it cannot be split."""
-        ...
 
     def lost(self, task: TaskT, reason: str) -> ResultT_co:
         """Return what stands for the result of a task, one of `split`, that ends every process it is given to."""
-        ...
 
 
 Run = Callable[[Job[Any, Any], Iterable[Any]], Iterator[tuple[Any, Any]]]

@@ -110,26 +110,24 @@ def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
     """What was taken of a cloud and what not."""
     from maxcon.mapping.build.options import class_name
 
-    parts = [f"{source['name']}: {source['n_points']:,} points, {source['n_kept']:,} kept"]
-    if source["n_dropped"]:
-        dropped = ", ".join(f"{n:,} {class_name(int(key))}" for key, n in source["n_dropped"].items())
-        parts.append(f"dropped {dropped}")
-    if source["n_invalid"]:
-        parts.append(f"dropped {source['n_invalid']:,} without finite coordinates")
-    if source.get("n_outside"):
-        parts.append(f"{source['n_outside']:,} outside of the area")
-    if source.get("transform"):
-        parts.append(source["transform"])
-    for name, words in (
-        ("n_thinned", "thinned out"),
-        ("n_withheld", "marked as withheld"),
-        ("n_without_side", "without a pose near their time"),
-    ):
-        if source.get(name):
-            parts.append(f"{source[name]:,} {words}")
-    if not (source["is_classified"] or is_found):
-        parts.append("no ASPRS classes: ground, vegetation and vehicles were not dropped")
-    return "; ".join(parts)
+    def counted(name: str, words: str) -> str:
+        return f"{source[name]:,} {words}" if source.get(name) else ""
+
+    dropped = ", ".join(f"{n:,} {class_name(int(key))}" for key, n in source["n_dropped"].items())
+    invalid = counted("n_invalid", "without finite coordinates")
+    parts = [
+        f"{source['name']}: {source['n_points']:,} points, {source['n_kept']:,} kept",
+        dropped and f"dropped {dropped}",
+        invalid and f"dropped {invalid}",
+        counted("n_outside", "outside of the area"),
+        source.get("transform", ""),
+        counted("n_thinned", "thinned out"),
+        counted("n_withheld", "marked as withheld"),
+        counted("n_without_side", "without a pose near their time"),
+        "" if source["is_classified"] or is_found
+        else "no ASPRS classes: ground, vegetation and vehicles were not dropped",
+    ]  # fmt: skip
+    return "; ".join(filter(None, parts))
 
 
 # --- an alignment ----------------------------------------------------------------------------------------------

@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: MIT
 """Before the first drive: `maxcon warmup` compiles, `maxcon scans info` says how a recording is understood."""
 
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from maxcon.cli.options import Topic
-
-if TYPE_CHECKING:
-    from maxcon.warmup import Compiled
 
 
 def warmup(quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the last line.")] = False) -> None:
@@ -18,36 +16,32 @@ def warmup(quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the l
 
     A call when all is compiled already says so, and where the code is kept.
     """
-    from maxcon._system.kernel_cache import checked_code_folder
+    from tempfile import TemporaryDirectory
+
+    from maxcon._system.kernel_cache import checked_code_folder, on_compilation
     from maxcon.errors import FileError
-    from maxcon.warmup import warm_up
+    from maxcon.warmup import parts_to_compile
 
-    done: list[Compiled] = []
-
-    def report(part: str, compiled: "Compiled | None") -> None:
-        if compiled is not None:
-            done.append(compiled)
-        if quiet:
-            return
-        if compiled is None:
-            typer.echo(f"{part:<26}", nl=False)
-        elif compiled.n_functions:
-            typer.echo(f"compiled in {compiled.seconds:.1f} s")
-        else:
-            typer.echo("compiled already")
-
-    folder = checked_code_folder()
+    compiled: list[str] = []
+    kept_in, began = checked_code_folder(), time.perf_counter()
     try:
-        warm_up(report)
+        with TemporaryDirectory(prefix="maxcon-warmup-") as folder:
+            for part, run in parts_to_compile(Path(folder)).items():
+                if not quiet:
+                    typer.echo(f"{part:<26}", nl=False)
+                start = time.perf_counter()
+                with on_compilation(lambda part=part: compiled.append(part)):  # type: ignore[misc]
+                    run()
+                took = f"compiled in {time.perf_counter() - start:.1f} s" if part in compiled else "compiled already"
+                if not quiet:
+                    typer.echo(took)
     except OSError as error:
         raise FileError(
             f"Expected to be able to write {error.filename or 'compiled code'}, got: {error.strerror or error}."
             " Check the folder, its permissions and the free disk space."
         ) from error
-    seconds = sum(compiled.seconds for compiled in done)
-    is_new = any(compiled.n_functions for compiled in done)
-    begin = f"compiled in {seconds:.0f} s" if is_new else "everything was compiled already"
-    typer.echo(f"{begin}; the code is kept in {folder}")
+    begin = f"compiled in {time.perf_counter() - began:.0f} s" if compiled else "everything was compiled already"
+    typer.echo(f"{begin}; the code is kept in {kept_in}")
 
 
 scans = typer.Typer(help="Say what is in scans or a recording.", no_args_is_help=True, rich_markup_mode=None)

@@ -42,7 +42,6 @@ class Method(Protocol):
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Return the estimate of one epoch; poses in the local frame of the map."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,11 +119,9 @@ class OpenedDrive(Protocol):
     @property
     def scans(self) -> Scans:
         """Its scans."""
-        ...
 
     def estimates(self, first: int, last: int) -> Iterator[EpochEstimate]:
         """Localize the epochs from `first` up to, not including, `last`."""
-        ...
 
 
 class OpensDrives(Protocol):
@@ -132,15 +130,12 @@ class OpensDrives(Protocol):
     @property
     def is_track(self) -> bool:
         """Whether an epoch needs those before it, so that a drive is one task."""
-        ...
 
     def open_map(self, path: Path | str) -> PointMap:
         """Open a map."""
-        ...
 
     def open(self, entry: DriveEntry, point_map: PointMap) -> OpenedDrive:
         """Open a drive in its map."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
