@@ -10,18 +10,13 @@ from io import BufferedReader
 from pathlib import Path
 
 
-def special_kind(mode: int) -> str:
-    """Return the kind of what is neither file nor folder, from its `st_mode`."""
-    return "FIFO" if stat.S_ISFIFO(mode) else "socket" if stat.S_ISSOCK(mode) else "device"
-
-
 def check_regular(path: str | os.PathLike[str], mode: int | None = None) -> None:
     """Refuse what is no file, before anything opens it; OSError, in words for an error of ours."""
     mode = Path(path).stat().st_mode if mode is None else mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, f"a {special_kind(mode)}, no file", str(path))
+        raise OSError(errno.EINVAL, f"a {'FIFO' if stat.S_ISFIFO(mode) else 'device or socket'}, no file", str(path))
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
