@@ -47,5 +47,5 @@ def read_times(path):
 def test_a_fifo_as_cloud_scan_trajectory_or_times(tmp_path, read, suffix):
     path = tmp_path / f"1{suffix}"
     os.mkfifo(path)
-    with pytest.raises(MaxconError, match="(?i)a FIFO"):
+    with pytest.raises(MaxconError, match=r"(?i)a FIFO"):
         read(path)
