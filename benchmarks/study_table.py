@@ -25,18 +25,18 @@ def accuracy_rows(found):
             f"| {method.prior} | {method.method} | {method.n_success} of {method.n_epochs}"
             f" | {100.0 * method.n_success / method.n_epochs:.1f} | {method.n_localized} | {method.n_false}"
             f" | {shown(method.distance.median, 3)} | {shown(method.distance.p95, 3)}"
-            f" | {shown(method.distance.worst, 2)} | {shown(math.degrees(method.heading.p95), 2)}"
-            f" | {shown(method.ms, 0)} |"
+            f" | {shown(method.distance.worst, 2)} | {shown(math.degrees(method.heading_error.p95), 2)}"
+            f" | {shown(method.ms.median, 0)} |"
         )
 
 
 def distinct_rows(found):
     yield from header(("prior", "method", "epochs", "peak ratio", "kurtosis", "divergence nat", "spread m"))
     for method in found:
-        if not math.isnan(method.kurtosis):
+        if not math.isnan(method.kurtosis.median):
             yield (
-                f"| {method.prior} | {method.method} | {method.n_epochs} | {method.peak_ratio:.3f}"
-                f" | {method.kurtosis:.2f} | {method.divergence:.1f} | {method.spread:.2f} |"
+                f"| {method.prior} | {method.method} | {method.n_epochs} | {method.peak_ratio.median:.3f}"
+                f" | {method.kurtosis.median:.2f} | {method.divergence.median:.1f} | {method.spread.median:.2f} |"
             )
 
 

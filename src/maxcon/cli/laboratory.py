@@ -267,7 +267,7 @@ def _numbers(method: "MethodStatistics") -> str:
 
     return (
         f"{f'{method.n_success}/{method.n_epochs}':>10} {method.n_localized:>9} {method.n_false:>6}"
-        f" {shown(method.distance.median, 3):>9} {shown(method.distance.worst, 2):>8} {shown(method.ms, 0):>7}"
+        f" {shown(method.distance.median, 3):>9} {shown(method.distance.worst, 2):>8} {shown(method.ms.median, 0):>7}"
     )
 
 

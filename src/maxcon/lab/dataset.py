@@ -26,36 +26,19 @@ _FOR_CLOUDS = ("trajectory", "crs", "drop", "vehicle_classes", "normals_have_sid
 class Dataset:
     """Where the parts of a dataset lie.
 
-    Parameters
-    ----------
-    path : Path
-        The TOML file; the paths in it are relative to its folder.
-    map_clouds : tuple of Path
-        Clouds to build the map from, global coordinates, m; empty where the map is built already.
-    map_path : Path or None
-        A map on disk, instead of clouds.
-    map_trajectory : Path or None
-        Of the mapping sensor, on the clock of the map clouds: turns normals to its side.
-    crs : str or None
-        Of all global coordinates, where the clouds do not say.
-    drop : tuple of str, or None
-        Classes to leave out of the map; the defaults of a map if None.
-    vehicle_classes : tuple of int
-        Class numbers that mean vehicles.
-    normals_have_sides : bool
-        Whether the clouds' own normals are turned to the sensor's side.
-    map_sigma : float or None
-        How well the map is known: standard deviation of its position along any axis, m; found by the build if None.
-    scans : Path
-        Folder of scans.
-    times : Path or None
-        Times of the scans, where they are not with them.
-    reference : Path
-        Poses held for true, T_map_sensor, global coordinates.
-    priors : dict of str to Path
-        Rough poses by name, T_map_sensor, global coordinates; at least one, none by the name "reference".
-    odometry : Path or None
-        The vehicle's own motion, T_odometry_sensor in any frame, where it was recorded.
+    - path: the TOML file; the paths in it are relative to its folder.
+    - map_clouds: clouds to build the map from, global coordinates, m; empty where the map is built already.
+    - map_path: a map on disk, instead of clouds.
+    - map_trajectory: of the mapping sensor, on the clock of the map clouds: turns normals to its side.
+    - crs: of all global coordinates, where the clouds do not say.
+    - drop: classes to leave out of the map; the defaults of a map if None.
+    - vehicle_classes: class numbers that mean vehicles.
+    - normals_have_sides: whether the clouds' own normals are turned to the sensor's side.
+    - map_sigma: standard deviation of the map's position along any axis, m; found by the build if None.
+    - scans, times: folder of scans, and their times where they are not with them.
+    - reference: poses held for true, T_map_sensor, global coordinates.
+    - priors: rough poses by name, T_map_sensor, global coordinates; at least one, none by the name "reference".
+    - odometry: the vehicle's own motion, T_odometry_sensor in any frame, where it was recorded.
     """
 
     path: Path

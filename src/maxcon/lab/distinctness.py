@@ -33,15 +33,12 @@ class Distinctness:
 
     All are NaN where the highest score is 0: there is no peak.
 
-    peak_ratio: score of the second peak over that of the peak (the paper leaves open which over which), 0 to 1; lower
-        is more distinct. The second peak is the highest local maximum farther from the peak than the guard radius, at
-        any heading; 0 where there is none.
+    peak_ratio: score of the second peak over that of the peak, 0 to 1; lower is more distinct. The second peak is the
+        highest local maximum farther from the peak than 0.3 m, at any heading; 0 where there is none.
     kurtosis: fourth standardized moment of the scores along the significant ray, taken as a distribution over the
-        offset: 1.8 for many equal scores, 3 for a Gaussian; higher is more distinct. NaN where a single place has all
-        the score: a point has no kurtosis.
+        offset: 1.8 for many equal scores, 3 for a Gaussian; NaN where a single place has all the score.
     divergence: Kullback-Leibler divergence of the same distribution from a Laplace distribution with a standard
-        deviation of 1 cell about the peak, nats; lower is more distinct. NaN where the ray is one cell long (a space of
-        one cell, or a peak in a corner that the ray only touches): it tells nothing then.
+        deviation of 1 cell about the peak, nats; lower is more distinct. NaN where the ray is one cell long.
     spread: largest horizontal distance from the peak to a cell of any heading that reaches 90 % of its score, m.
     """
 

@@ -55,9 +55,8 @@ def pose_error(pose: Pose, reference: Pose) -> PoseError:
 class Quantiles:
     """Quantiles of absolute errors, in the unit of the errors; all NaN where there is no error.
 
-    median, p95, p99: the error that 50, 95 and 99 % of the epochs do not exceed, interpolated linearly between the two
-        epochs next to that rank. Of fewer than 100 epochs, `p99` is nearly the worst.
-    worst: the largest.
+    median, p95, p99: the error that 50, 95 and 99 % of the epochs do not exceed, interpolated linearly. Of fewer than
+        100 epochs, `p99` is nearly the worst.
     """
 
     median: float
@@ -77,12 +76,9 @@ class Quantiles:
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """Errors of a method over the epochs it localized.
+    """Errors of a method over the epochs it localized: absolute, m, and rad for the heading.
 
-    n_epochs: all epochs, those without an answer too.
-    n_success: localized within 0.3 m and 1 degree.
-    distance, along, across: of the absolute errors of the epochs that were localized, m.
-    heading: of the absolute heading errors of these epochs, rad.
+    n_epochs, n_success: all epochs, those without an answer too; of these, localized within 0.3 m and 1 degree.
     """
 
     n_epochs: int

@@ -10,7 +10,7 @@ import pytest
 
 from maxcon.errors import OptionError
 from maxcon.geometry import wrap_angle
-from maxcon.lab.simulation import CampaignWorld, LasClass, ProfileScanner
+from maxcon.lab.simulation import LasClass, ProfileScanner
 
 THIN = (ProfileScanner(line_rate=1.0, points_per_line=90),)
 
@@ -107,13 +107,6 @@ def test_a_scan_is_the_same_whichever_others_are_taken(campaign, everything, thi
     )
     np.testing.assert_array_equal(first.points, second.points)
     assert not np.array_equal(other.points[:20], first.points[:20])
-
-
-def test_wrong_worlds_are_refused():
-    with pytest.raises(OptionError, match="Expected a seed of 0 or more, got -1"):
-        CampaignWorld.build(-1)
-    with pytest.raises(OptionError, match="Expected at least one round of mapping, got 0"):
-        CampaignWorld.build(1, 0)
 
 
 def test_the_car_comes_again_on_the_same_day_and_on_another(campaign):

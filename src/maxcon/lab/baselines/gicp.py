@@ -55,26 +55,11 @@ class Gicp(StartedMethod):
     """Localizes scans by generalized ICP: both clouds are made of small planes.
 
     Unknown are all six: x, y, z, roll, pitch and heading. In a map without ground, little holds z and pitch. What is
-    said of `Icp` about ground points, the gate, the estimate and `targets` holds here too, but `cofactor` is in units
-    of the variance of one match of two planes that face each other, all else held; `NOT_CONVERGED` is small_gicp's own
-    word.
+    said of `Icp` holds here too, but `cofactor` is in units of the variance of one match of two planes that face each
+    other, all else held; `NOT_CONVERGED` is small_gicp's own word.
 
-    Parameters
-    ----------
-    gate : float
-        A scan point farther than this from every map point has no partner, m. State it with every figure.
-    thinning : float
-        The scan is thinned to one point, the mean, per cube of this edge, m; 0 for all points.
-    max_iterations : int
-        Largest number of steps.
-    step_tolerance, turn_tolerance : float
-        The iteration has converged when a step is shorter than this, m, and turns less than this, rad.
-    target_edge : float
-        The voxels of the map are merged to one point, the mean, per cube of this edge, m.
-    n_neighbours : int
-        Neighbours from which the covariance of a point is estimated, in scan and map.
-    targets : MapTargets
-        Cache of what is made of the map.
+    - gate, thinning, max_iterations, step_tolerance, turn_tolerance, target_edge, targets: see `Icp`.
+    - n_neighbours: neighbours from which the covariance of a point is estimated, in scan and map.
     """
 
     gate: float = 3.0
@@ -171,24 +156,14 @@ class CountThenGicp(StartedMethod):
 
     The idea of 3D-BBS (branch and bound by hit count in a voxel map) followed by GICP, made from parts of this
     package: the space around the prior is searched exhaustively; z, roll and pitch are the prior's until GICP
-    starts. The answer is that of `Gicp.localize` from the best cell; the prior with the status `NO_MATCH` if no point
-    hit the map in any cell. SearchSpaceError if there are too many cells.
+    starts. The answer is that of GICP from the best cell; the prior with the status `NO_MATCH` if no point hit the map.
 
-    Parameters
-    ----------
-    half_width : float
-        Largest offset from the prior in x and in y, m; widened to whole voxels and one more, so that the boundary
-        is searched on either side.
-    heading_half_width_deg : float
-        Largest turn from the prior's heading, degrees; widened to whole steps.
-    voxel : float
-        Edge of the coarse voxels, and the step in x and y, m.
-    heading_step_deg : float
-        Between headings, degrees: the default moves a point at 57 m by a voxel of 1 m.
-    thinning : float
-        The scan is thinned to one point, the mean, per cube of this edge, m, before hits are counted.
-    gicp : Gicp
-        What follows. Its `targets` keep the coarse map too.
+    - half_width: largest offset from the prior in x and in y, m; widened to whole voxels and one more.
+    - heading_half_width_deg: largest turn from the prior's heading, degrees; widened to whole steps.
+    - voxel: edge of the coarse voxels, and the step in x and y, m.
+    - heading_step_deg: between headings, degrees: the default moves a point at 57 m by a voxel of 1 m.
+    - thinning: the scan is thinned to one point per cube of this edge, m, before hits are counted.
+    - gicp: what follows. Its `targets` keep the coarse map too.
     """
 
     half_width: float = 3.0

@@ -86,38 +86,25 @@ class Icp(StartedMethod):
 
     Unknown are x, y and heading, which turns about the sensor; z, roll and pitch are the prior's, as with
     maximum consensus (D2). The answer is the nearest minimum, which need not be the right one: what it
-    says of itself (`status`, `cofactor`) holds only if it is.
+    says of itself (`status`, `cofactor`) holds only if it is. Without ground in the map, scan points on the ground,
+    on cars and on bushes find no partner within the gate, or a wrong one at the foot of a facade.
 
-    The map of the paper has no ground. Points of the scan on the ground, on cars and on bushes either find
-    no partner within the gate, or a wrong one at the foot of a facade.
+    - residual: "plane" or "point": distance of a scan point from the plane of its partner, or from its partner.
+    - gate: a scan point farther than this from every map point (in x, y and z together) has no partner, m.
+      **State it with every figure**: from the paper's 5 x 5 starts, point-to-plane fails in 37 of 40 epochs
+      of a simulated drive with 1 m and in none with 3 m; wrong partners within 3 m cost precision instead.
+    - thinning: the scan is thinned to one point, the mean, per cube of this edge, m; 0 for all points. Without it
+      the near ground and the nearest facade outvote the rest.
+    - max_iterations: point-to-point slides along a wall by a little in each step: 50 are too few.
+    - step_tolerance, turn_tolerance: converged when a step is shorter than this, m, and turns less than this, rad.
+    - target_edge: the voxels of the map are merged to one point, the mean, per cube of this edge, m.
+    - targets: cache of what is made of the map; methods with the same object share it.
 
-    Parameters
-    ----------
-    residual : {"plane", "point"}
-        Distance of a scan point from the plane of its partner, or from its partner.
-    gate : float
-        A scan point farther than this from every map point (in x, y and z together) has no partner, m.
-        **State it with every figure**: from the paper's 5 x 5 starts, point-to-plane fails in 37 of 40 epochs
-        of a simulated drive with 1 m and in none with 3 m; wrong partners within 3 m cost precision instead.
-    thinning : float
-        The scan is thinned to one point, the mean, per cube of this edge, m; 0 for all points. Without thinning
-        the near ground and the nearest facade outvote the rest.
-    max_iterations : int
-        Largest number of steps. Point-to-point slides along a wall by a little in each step: 50 are too few.
-    step_tolerance, turn_tolerance : float
-        The iteration has converged when a step is shorter than this, m, and turns less than this, rad.
-    target_edge : float
-        The voxels of the map are merged to one point, the mean, per cube of this edge, m.
-    targets : MapTargets
-        Cache of what is made of the map; methods with the same object share it. Answers do not depend on it.
-
-    Notes
-    -----
-    Of the estimate, `score` is the number of correspondences of the last step and `share` their fraction of the points
-    of the thinned scan. `cofactor` is the inverse of the x, y block of N at the last step, with the heading held, in
-    units of one residual's variance; with `point`, N has the same weight in all directions and cannot tell an open
-    one. Status `UNDETERMINED` if N leaves a direction open or nearly so, `NO_MATCH` (and the prior) if no scan point
-    is within the gate, `NOT_CONVERGED` if the last step was not small.
+    Of the estimate, `score` is the number of correspondences of the last step and `share` their fraction of the thinned
+    scan. `cofactor` is the inverse of the x, y block of N at the last step, with the heading held, in units of one
+    residual's variance; with `point`, N has the same weight in all directions and cannot tell an open one. Status
+    `UNDETERMINED` if N leaves a direction open or nearly so, `NO_MATCH` (and the prior) if no scan point is within the
+    gate, `NOT_CONVERGED` if the last step was not small.
     """
 
     residual: str | Residual = Residual.PLANE

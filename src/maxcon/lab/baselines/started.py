@@ -88,21 +88,11 @@ class MultiStart(StartedMethod):
     In the paper's evaluation the grid is centred at the reference, and ICP fails in an epoch if not all starts
     end at the reference: take `estimates` for that. `localize` is what can be had without a reference.
 
-    Parameters
-    ----------
-    method : StartedMethod
-        `Icp` or `Gicp`. The work that does not depend on the start is done once.
-    n_side : int
-        Starts along each side of the grid.
-    spacing : float
-        Between starts, m.
-    n_headings : int
-        Every place of the grid is tried at so many headings.
-    heading_spacing_deg : float
-        Between headings, degrees.
-    choice : {"agreement", "overlap"}
-        Which end is the answer. Correspondences within a wide gate are about as many at a wrong place as at the
-        right one: where most starts are expected to fail, take `overlap`.
+    - method: `Icp` or `Gicp`. The work that does not depend on the start is done once.
+    - n_side, spacing: starts along each side of the grid, and between two of them, m.
+    - n_headings, heading_spacing_deg: every place of the grid is tried at so many headings, so many degrees apart.
+    - choice: "agreement" or "overlap": which end is the answer. Correspondences within a wide gate are about as many at
+      a wrong place as at the right one: where most starts are expected to fail, take `overlap`.
     """
 
     method: StartedMethod

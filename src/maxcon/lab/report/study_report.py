@@ -217,6 +217,6 @@ def _table(title: str, words: str, methods: Sequence[MethodStatistics]) -> dict[
         "title": title,
         "words": words,
         "methods": methods,
-        "has_distinctness": any(not math.isnan(method.kurtosis) for method in methods),
+        "has_distinctness": any(not math.isnan(method.kurtosis.median) for method in methods),
         "has_starts": any(method.n_starts for method in methods),
     }

@@ -4,15 +4,20 @@
 
 from maxcon.lab.simulation.city import City, build_city
 from maxcon.lab.simulation.datasets import simulate, simulate_campaign, simulate_suburb
-from maxcon.lab.simulation.drive import Circuit, Drive, RoundDriver, Route, drive_along, drive_round
-from maxcon.lab.simulation.furniture import LasClass
-from maxcon.lab.simulation.measured_poses import (
+from maxcon.lab.simulation.drive import (
+    Circuit,
+    Drive,
     GeoreferencingErrors,
     OdometryErrors,
     PriorErrors,
+    RoundDriver,
+    Route,
     draw_georeferencing_errors,
     draw_gnss_errors,
+    drive_along,
+    drive_round,
 )
+from maxcon.lab.simulation.furniture import LasClass
 from maxcon.lab.simulation.scanners import (
     MAPPING_SCANNERS,
     DeskewErrors,

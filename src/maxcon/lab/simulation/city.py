@@ -34,14 +34,11 @@ CAR_SIDE = 1.05
 class City(Patch):
     """Triangles with classes in city metres: z is up, the main crossing is the origin. Parked cars come last.
 
-    street_lines: shape (k, 2, 2); start and end (x, y) of each street's centre line, m; the main street is the first,
-        the cross street the second.
     parking_lanes: shape (k, 2, 2); start and end (x, y) of each row of parked cars, m.
     car_numbers: shape (t,), int32; number of the parked car that each triangle belongs to, from 0; -1 for all that is
         no parked car.
     """
 
-    street_lines: NDArray[np.float64]
     parking_lanes: NDArray[np.float64]
     car_numbers: NDArray[np.int32]
 
@@ -53,7 +50,7 @@ class City(Patch):
         fixed = Patch(self.corners[stays], self.classes[stays])
         patch = join([fixed, *cars])
         numbers = np.repeat(np.arange(-1, len(cars), dtype=np.int32), [len(fixed), *map(len, cars)])
-        return City(patch.corners, patch.classes, self.street_lines, self.parking_lanes, numbers)
+        return City(patch.corners, patch.classes, self.parking_lanes, numbers)
 
 
 def build_city(seed: Seed, grid: StreetGrid = DEMO_GRID) -> City:
@@ -72,8 +69,7 @@ def _city_of(parts: Sequence[Patch], grid: StreetGrid) -> City:
         [[side.point(x, out) for x in (grid.no_parking, side.length - grid.no_parking)] for side in grid.frontages()]
     )
     whole = join(parts).placed(0.0, 0.0, heading=STREET_ANGLE)
-    lines, lanes = (in_city(places, STREET_ANGLE) for places in (grid.centre_lines(), lanes))
-    return City(whole.corners, whole.classes, lines, lanes, np.full(len(whole), -1, np.int32))
+    return City(whole.corners, whole.classes, in_city(lanes, STREET_ANGLE), np.full(len(whole), -1, np.int32))
 
 
 def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:

@@ -20,8 +20,8 @@ from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.clouds.laz import laz_as_os_error
 from maxcon.io.trajectories import write_tum
 from maxcon.lab.dataset import DESCRIPTION, Dataset
+from maxcon.lab.simulation.drive import OdometryErrors, PriorErrors
 from maxcon.lab.simulation.furniture import LasClass
-from maxcon.lab.simulation.measured_poses import OdometryErrors, PriorErrors
 from maxcon.lab.simulation.scanners import MAPPING_SCANNERS, ProfileScanner, Returns, RotatingScanner
 from maxcon.lab.simulation.worlds import (
     EPOCH_STEP,
@@ -245,10 +245,8 @@ def write_epochs(
 ) -> None:
     """Stream scans to `folder`/scans, in the sensor frame, and write their times, reference poses and priors.
 
-    folder: of the dataset.
-    epochs: one per scan.
-    scans: in city metres, one per scan.
-    priors: T_city_sensor, one per scan, by the names of their files.
+    scans: in city metres, one per epoch.
+    priors: T_city_sensor, one per epoch, by the names of their files.
     tick: called after each scan.
     """
     place = folder / "scans"

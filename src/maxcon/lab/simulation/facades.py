@@ -25,14 +25,9 @@ Grid = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class HouseStyle:
-    """The parameters in which houses differ; lengths in m.
+    """The parameters in which houses differ; lengths in m, columns are of windows.
 
-    width: along the street.
-    n_storeys, storey_height: number of storeys, ground floor included, and height of each.
-    n_columns: columns of windows.
-    window_width, window_height, reveal: of windows, which lie `reveal` behind the front.
     plinth: how far the foot of the house stands out; 0 for none.
-    door_column: column of the entrance.
     bay: how far a bay over the door stands out, above the ground floor; 0 for none.
     balcony_column, archway_column: columns with balconies on the upper floors, and with a passage to the yard.
     """

@@ -4,13 +4,12 @@
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import MissingExtraError, OptionError
+from maxcon.errors import MissingExtraError
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.lab.simulation.drive import Drive
 from maxcon.lab.simulation.furniture import LasClass, Patch
@@ -73,11 +72,9 @@ class RayCaster:
 class Returns(NamedTuple):
     """Points that a scanner measured, in order of time.
 
-    points: shape (n, 3); city metres, with range noise.
-    origins: shape (n, 3); where each ray started, city metres.
+    points, origins: shape (n, 3); with range noise, and where each ray started, city metres.
     times: shape (n,); s.
-    triangles: shape (n,), int32; index of the triangle that was hit, among those of the caster.
-    classes: shape (n,), uint8; LasClass of that triangle.
+    triangles, classes: shape (n,); index, among those of the caster, and LasClass of the triangle that was hit.
     intensities: shape (n,), float32; 0 to 1: reflectance times the cosine of incidence.
     """
 
@@ -107,14 +104,6 @@ class RangeFinder:
     dropout: float
     min_range: float
     max_range: float
-
-    def __post_init__(self) -> None:
-        if not (self.noise >= 0.0 and 0.0 <= self.dropout <= 1.0 and 0.0 <= self.min_range < self.max_range):
-            raise OptionError(
-                "Expected a scanner with noise >= 0 m, a dropout of 0 to 1 and 0 <= min_range < max_range,"
-                f" got noise {self.noise}, dropout {self.dropout}, min_range {self.min_range} and max_range"
-                f" {self.max_range}. Leave them out for the scanner's own."
-            )
 
     def are_returns(self, hits: Hits) -> NDArray[np.bool_]:
         """Which hits give a return if none drops out, shape (n,): those within the limits of the range."""
@@ -148,10 +137,9 @@ class RotatingScanner(RangeFinder):
     Sensor axes: x forward, y left, z up. The rays of one turn start at one place: scans are taken for perfectly
     deskewed (`scan_moving` simulates the motion within a scan, and a deskewing with errors).
 
-    n_layers, lowest_deg, highest_deg: layers, evenly spaced in elevation; without effect where `elevations_deg` are
-        given.
+    n_layers, lowest_deg, highest_deg: layers, evenly spaced in elevation, where `elevations_deg` are not given.
     azimuth_step_deg: from one column of points to the next, degrees.
-    elevations_deg: elevation of each layer, rising, degrees, where they are not evenly spaced.
+    elevations_deg: elevation of each layer, rising, degrees.
     """
 
     noise: float = 0.03
@@ -163,17 +151,6 @@ class RotatingScanner(RangeFinder):
     highest_deg: float = 15.0
     azimuth_step_deg: float = 0.2
     elevations_deg: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        RangeFinder.__post_init__(self)
-        is_rising = all(low < high for low, high in pairwise(self.elevations_deg))
-        if not is_rising or not all(abs(elevation) <= 90.0 for elevation in self.elevations_deg):
-            raise OptionError(f"Expected rising elevations of -90 to 90 degrees, got {self.elevations_deg}. Sort them?")
-        if self.n_layers < 1 or not 0.0 < self.azimuth_step_deg <= 360.0:
-            raise OptionError(
-                "Expected at least one layer and an azimuth step above 0 and up to 360 degrees, got"
-                f" {self.n_layers} layers and {self.azimuth_step_deg} degrees. Leave them out for a VLP-16."
-            )
 
     @property
     def elevations(self) -> NDArray[np.float64]:
@@ -220,15 +197,6 @@ class ProfileScanner(RangeFinder):
     line_rate: float = 100.0
     points_per_line: int = 960
     blind_deg: float = 45.0
-
-    def __post_init__(self) -> None:
-        RangeFinder.__post_init__(self)
-        if not self.line_rate > 0.0 or self.points_per_line < 1 or not 0.0 <= self.blind_deg < 180.0:
-            raise OptionError(
-                "Expected a line rate above 0, at least one point per line and a blind angle of 0 to 180"
-                f" degrees, got {self.line_rate}, {self.points_per_line} and {self.blind_deg}."
-                " Leave them out for the defaults."
-            )
 
     @property
     def angles(self) -> NDArray[np.float64]:

@@ -76,13 +76,6 @@ class StreetGrid(NamedTuple):
         """Where the city ends before and behind the streets at `lines`, m."""
         return lines[0] - self.margin, lines[-1] + self.margin
 
-    def centre_lines(self) -> NDArray[np.float64]:
-        """Start and end of each street, shape (k, 2, 2), frame of the grid, m; the main street is the first."""
-        (u0, u1), (v0, v1) = self.ends(self.u_lines), self.ends(self.v_lines)
-        along_u = [[[u0, v], [u1, v]] for v in sorted(self.v_lines, key=abs)]
-        along_v = [[[u, v0], [u, v1]] for u in sorted(self.u_lines, key=abs)]
-        return np.array([along_u[0], along_v[0], *along_u[1:], *along_v[1:]])
-
     def blocks(self, gap: float | None = None) -> list[Block]:
         """Return all blocks, `gap` (m) from the centre lines of the streets around; if None, up to building lines."""
         away = self.half_width if gap is None else gap

@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 from maxcon.lab.simulation.city import City, build_city, build_periodic_city
-from maxcon.lab.simulation.drive import Circuit, Drive, RoundDriver, Seed, drive_along, drive_round
-from maxcon.lab.simulation.measured_poses import (
+from maxcon.lab.simulation.drive import (
+    Circuit,
+    Drive,
     GeoreferencingErrors,
     OdometryErrors,
     PriorErrors,
+    RoundDriver,
+    Seed,
     draw_georeferencing_errors,
     draw_gnss_errors,
+    drive_along,
+    drive_round,
     off_by,
 )
 from maxcon.lab.simulation.scanners import (

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,15 +38,6 @@ REFERENCE = "reference"
 MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
 CACHE_BYTES = 2**30
 """Of the tile caches of all maps of one process together."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Epoch:
-    """One epoch before any method has seen it: poses in global coordinates."""
-
-    scan: Scan
-    prior: Pose | None
-    reference: Pose | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +91,8 @@ class Bench:
         except FileError as error:
             return _failed(row, methods, Status.UNREADABLE, str(error))
         row["n_points"] = len(raw.points)
-        epoch = _Epoch(scan_of(raw), prior, reference)
-        shared = _SharedAccumulators(epoch.scan)
-        return [row | {"method": method.name} | self._columns(epoch, method, shared) for method in methods]
+        shared = _SharedAccumulators(scan_of(raw))
+        return [row | {"method": one.name} | self._columns(shared, one, prior, reference) for one in methods]
 
     def failed(self, prior_name: str, number: int, methods: Sequence[StudyMethod], reason: str) -> list[Row]:
         """Return a row for each method that says why it never answered an epoch."""
@@ -122,20 +112,20 @@ class Bench:
             row |= {"prior_distance": error.distance, "prior_heading_error": error.heading}
         return row, prior, reference
 
-    def _columns(self, epoch: _Epoch, method: StudyMethod, shared: "_SharedAccumulators") -> dict[str, Any]:
-        """Columns of one method in the row of an epoch."""
-        point_map = self.maps[method.map_name]
-        start = epoch.reference if method.around_reference else epoch.prior
-        start = point_map.frame.pose_to_local(start) if start is not None else None
-        status = status_without_search(point_map, epoch.scan, start)
+    def _columns(
+        self, shared: "_SharedAccumulators", method: StudyMethod, prior: Pose | None, reference: Pose | None
+    ) -> dict[str, Any]:
+        """Columns of one method in the row of an epoch; poses in global coordinates."""
+        point_map, scan = self.maps[method.map_name], shared.scan
+        prior, reference = (pose and point_map.frame.pose_to_local(pose) for pose in (prior, reference))
+        start = reference if method.around_reference else prior
+        status = status_without_search(point_map, scan, start)
         if start is None and method.around_reference:
             return {"status": Status.NO_PRIOR.value, "reason": "no reference pose to start around"}
         if start is None or status is not None:
             return {"status": (status or Status.NO_PRIOR).value}
-        reference = point_map.frame.pose_to_local(epoch.reference) if epoch.reference is not None else None
         try:
-            answer = _answer(method, epoch.scan, point_map, start, shared)
-            return _answer_columns(answer, reference, point_map)
+            return _answer_columns(_answer(method, point_map, start, shared), reference, point_map)
         except MissingExtraError:
             raise  # true of every epoch
         except MaxconError as error:
@@ -154,20 +144,20 @@ class _SharedAccumulators:
     """Accumulators of one scan that several objectives share, with the time each took (D5)."""
 
     def __init__(self, scan: Scan) -> None:
-        self._scan = scan
+        self.scan = scan
         self._made: dict[Hashable, tuple[Any, float]] = {}
 
     def of(
         self, method: MaximumConsensus, map_name: str, point_map: PointMap, prior: Pose
     ) -> tuple[Accumulator, float]:
         """Return the accumulator of a method, and how long it takes from the scan's points on, ms."""
-        _, normals_ms = self._once("normals", lambda: self._scan.normals)
-        _, thinning_ms = self._once(method.thinning, lambda: self._scan.thinned(method.thinning))
+        _, normals_ms = self._once("normals", lambda: self.scan.normals)
+        _, thinning_ms = self._once(method.thinning, lambda: self.scan.thinned(method.thinning))
         searched = replace(method, trust=Trust(), refinement=True, wider=0.0, risk=0.5)  # what comes after the search
         if method.space.n_heights == 1:  # of several heights each objective takes its own
             searched = replace(searched, objective=Helmert())
         key = (map_name, searched, prior)
-        accumulator, search_ms = self._once(key, lambda: method.accumulate(self._scan, point_map, prior))
+        accumulator, search_ms = self._once(key, lambda: method.accumulate(self.scan, point_map, prior))
         return accumulator, normals_ms + thinning_ms + search_ms
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> tuple[Any, float]:
@@ -178,8 +168,7 @@ class _SharedAccumulators:
         return self._made[key]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Answer:
+class _Answer(NamedTuple):
     """A method's answer to an epoch; poses in the local frame of its map.
 
     milliseconds: from points in memory to the pose.
@@ -190,28 +179,26 @@ class _Answer:
     estimate: Estimate
     milliseconds: float
     distinctness: Distinctness | None = None
-    starts: tuple[Estimate, ...] = ()
+    starts: Sequence[Estimate] = ()
 
 
-def _answer(method: StudyMethod, scan: Scan, point_map: PointMap, start: Pose, shared: _SharedAccumulators) -> _Answer:
+def _answer(study_method: StudyMethod, point_map: PointMap, start: Pose, shared: _SharedAccumulators) -> _Answer:
     """Let a method localize an epoch; where it has scores of given cells, measure how distinct the best one is."""
-    if isinstance(method.method, MaximumConsensus) and method.method.search is SearchMethod.EXHAUSTIVE:
-        accumulator, taken = shared.of(method.method, method.map_name, point_map, start)
+    method, scan = study_method.method, shared.scan
+    if isinstance(method, MaximumConsensus) and method.search is SearchMethod.EXHAUSTIVE:
+        accumulator, taken = shared.of(method, study_method.map_name, point_map, start)
         clock = time.perf_counter()
-        estimate = method.method.conclude(accumulator, scan, point_map)
+        estimate = method.conclude(accumulator, scan, point_map)
         taken += 1e3 * (time.perf_counter() - clock)
         if estimate.status is Status.NO_MATCH:
             return _Answer(estimate, taken)
-        return _Answer(estimate, taken, _distinctness_or_none(accumulator, method.method.cell_search.objective))
+        return _Answer(estimate, taken, _distinctness_or_none(accumulator, method.cell_search.objective))
     scan = Scan(scan.points, time=scan.time)  # whatever it needs of the scan is charged to it
-    prepare_map(method.method, scan, point_map, start)
+    prepare_map(method, scan, point_map, start)
     clock = time.perf_counter()
-    if isinstance(method.method, MultiStart):
-        starts = method.method.estimates(scan, point_map, start)
-        estimate = method.method.choose(starts)
-    else:
-        starts, estimate = [], method.method.localize(scan, point_map, start)
-    return _Answer(estimate, 1e3 * (time.perf_counter() - clock), starts=tuple(starts))
+    starts = method.estimates(scan, point_map, start) if isinstance(method, MultiStart) else []
+    estimate = method.choose(starts) if isinstance(method, MultiStart) else method.localize(scan, point_map, start)
+    return _Answer(estimate, 1e3 * (time.perf_counter() - clock), starts=starts)
 
 
 def prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) -> None:
@@ -226,9 +213,8 @@ def prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) ->
 def _distinctness_or_none(accumulator: Accumulator, objective: Objective) -> Distinctness | None:
     """Measures of distinctness; none for scores that they are not defined for, below 0 or infinite."""
     scores = accumulator.score(objective)
-    if not (np.isfinite(scores).all() and (scores >= 0.0).all()):
-        return None
-    return distinctness(accumulator, objective, scores=scores)
+    is_measurable = np.isfinite(scores).all() and (scores >= 0.0).all()
+    return distinctness(accumulator, objective, scores=scores) if is_measurable else None
 
 
 def _answer_columns(answer: _Answer, reference: Pose | None, point_map: PointMap) -> dict[str, Any]:
@@ -264,10 +250,9 @@ def _answer_columns(answer: _Answer, reference: Pose | None, point_map: PointMap
 def _certainty_columns(estimate: Estimate, offset: NDArray[np.float64], reference: Pose) -> dict[str, Any]:
     """Standard deviations, protection level and normalized squared error (NEES), along and across the reference."""
     covariance = along_and_across(estimate.covariance, reference.heading)
-    columns: dict[str, Any] = dict(
-        zip(("sigma_along", "sigma_across"), map(math.sqrt, np.diag(covariance)), strict=True)
-    )
-    columns |= {"sigma_z": math.sqrt(estimate.covariance[2, 2]), "sigma_heading": math.sqrt(estimate.covariance[5, 5])}
+    variances = (*np.diag(covariance), estimate.covariance[2, 2], estimate.covariance[5, 5])
+    names = ("sigma_along", "sigma_across", "sigma_z", "sigma_heading")
+    columns: dict[str, Any] = dict(zip(names, map(math.sqrt, variances), strict=True))
     columns["nees"] = float(offset @ np.linalg.solve(covariance, offset))
     if math.isfinite(estimate.protection_level[0]):
         columns |= dict(zip(("protection_along", "protection_across"), estimate.protection_level, strict=True))

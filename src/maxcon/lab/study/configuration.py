@@ -40,14 +40,10 @@ class Run(TypedDict, total=False):
 class Configuration:
     """Everything that a study was run with.
 
-    version: of maxcon.
-    dataset: path of the dataset's TOML file.
     parts: hashes of what the dataset is made of: its description of map and scans, its reference and each prior.
-    n_scans: scans in the dataset.
     options: range limits of the scans, and gaps of prior and reference to interpolate across.
     methods: description of each method, by its name, in the order of the table.
     maps: how each map differs, by its name.
-    runs: each run of the study.
     """
 
     version: str
@@ -98,8 +94,7 @@ class Configuration:
     def joined(self, other: "Configuration", with_rows: Collection[str]) -> "Configuration":
         """Return this configuration with the methods of the run that begins; OptionError if it is another study.
 
-        Methods `with_rows` must be as before. Without any, priors and reference may have changed: a run that was
-        stopped, or refused, before its first row has made maps only.
+        Methods `with_rows` must be as before. Without any, priors and reference may have changed.
         """
         for what, mine, theirs in (
             ("made by maxcon", self.version, other.version),

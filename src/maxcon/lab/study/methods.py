@@ -24,12 +24,7 @@ STANDARD = "standard"
 
 @dataclass(frozen=True, slots=True)
 class MapVariant:
-    """How a map of a dataset differs from the standard one.
-
-    cell: voxel edge, m.
-    keep_every: one of so many points of the clouds is kept.
-    keeps_ground: whether the ground stays in.
-    """
+    """How a map of a dataset differs from the standard one: voxel edge, m; one of so many points; with ground."""
 
     cell: float = 0.06
     keep_every: int = 1
@@ -57,24 +52,18 @@ def make_maps(
     """
     from maxcon.mapping.build import build_map
 
-    report = progress or (lambda step, done, total: None)
-
     paths = {}
     for name in dict.fromkeys(names):
-        if dataset.map_path is not None:
-            if name != STANDARD:
-                raise OptionError(
-                    f"Expected clouds in {dataset.path} to build the map {name!r} from, got a built map."
-                    f" Leave out the methods that need it, or name clouds under [map]."
-                )
-            paths[name] = dataset.map_path
-            continue
-        path = folder / f"{name.replace('/', '-')}.map"
+        if dataset.map_path is not None and name != STANDARD:
+            raise OptionError(
+                f"Expected clouds in {dataset.path} to build the map {name!r} from, got a built map."
+                f" Leave out the methods that need it, or name clouds under [map]."
+            )
+        path = paths[name] = dataset.map_path or folder / f"{name.replace('/', '-')}.map"
         if not path.exists():
             make_folder(folder)
             options = dataset.map_options(**asdict(MAP_VARIANTS[name]))
-            build_map(dataset.map_clouds, path, options, progress=partial(_report_of_map, report, name))
-        paths[name] = path
+            build_map(dataset.map_clouds, path, options, progress=progress and partial(_report_of_map, progress, name))
     return paths
 
 
@@ -84,20 +73,14 @@ def _report_of_map(report: Progress, name: str, step: str, done: int, total: int
 
 @dataclass(frozen=True)
 class StudyMethod:
-    """A method of a study and its name.
+    """A method of a study.
 
-    Parameters
-    ----------
-    name : str
-        In the table and in figures.
-    method : Method
-        Anything with ``localize(scan, point_map, prior)``; it is sent to other processes, so its class must be
-        importable.
-    map_name : str
-        Name of the map that it gets, of `MAP_VARIANTS`.
-    around_reference : bool
-        Whether it starts from the reference pose instead of the prior: for starts spread around the true
-        pose, as the paper's.
+    - name: in the table and in figures.
+    - method: anything with ``localize(scan, point_map, prior)``; it is sent to other processes, so its class must be
+      importable.
+    - map_name: name of the map that it gets, of `MAP_VARIANTS`.
+    - around_reference: whether it starts from the reference pose instead of the prior: for starts spread around the
+      true pose, as the paper's.
     """
 
     name: str
@@ -229,20 +212,21 @@ def _in_cells_of(space: SearchSpace, cell: float) -> SearchSpace:
 
 def _baseline_methods(space: SearchSpace) -> list[StudyMethod]:
     """ICP and GICP with both gates from the prior, 5 x 5 starts around the reference, and a count before GICP."""
-    methods, targets = [], MapTargets()
+    methods: dict[str, Method] = {}
+    targets = MapTargets()
     for gate in (1.0, 3.0):
         end = f"{gate:.0f}m"
         point, plane = (Icp(residual, gate, targets=targets) for residual in ("point", "plane"))
-        gicp = Gicp(gate, targets=targets)
-        methods += [
-            StudyMethod(f"icp-point-{end}", point),
-            StudyMethod(f"icp-plane-{end}", plane),
-            StudyMethod(f"gicp-{end}", gicp),
-            StudyMethod(f"icp-point-{end}-5x5", MultiStart(point), around_reference=True),
-            StudyMethod(f"icp-plane-{end}-5x5", MultiStart(plane), around_reference=True),
-            StudyMethod(f"icp-plane-{end}-ground", plane, "ground"),
-            StudyMethod(f"gicp-{end}-ground", gicp, "ground"),
-        ]
-    name = "count-1m-then-gicp"
-    count = CountThenGicp(space.half_width, space.heading_half_width_deg, gicp=Gicp(3.0, targets=targets))
-    return [*methods, StudyMethod(name, count), StudyMethod(f"{name}-ground", count, "ground")]
+        methods |= {f"icp-point-{end}": point, f"icp-plane-{end}": plane, f"gicp-{end}": Gicp(gate, targets=targets)}
+    found = [StudyMethod(name, method) for name, method in methods.items()]
+    found += [
+        StudyMethod(f"{name}-5x5", MultiStart(method), around_reference=True)
+        for name, method in methods.items()
+        if isinstance(method, Icp)
+    ]
+    methods["count-1m-then-gicp"] = count = CountThenGicp(
+        space.half_width, space.heading_half_width_deg, gicp=Gicp(3.0, targets=targets)
+    )
+    on_ground = [name for name in methods if not name.startswith("icp-point")]
+    found += [StudyMethod(f"{name}-ground", methods[name], "ground") for name in on_ground]
+    return [*found, StudyMethod("count-1m-then-gicp", count)]

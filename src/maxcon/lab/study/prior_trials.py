@@ -16,7 +16,7 @@ from maxcon._system.atomic import atomic_file
 from maxcon.errors import FileError, OptionError
 from maxcon.geometry import Pose
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart
-from maxcon.lab.evaluation import pose_error
+from maxcon.lab.evaluation import Quantiles, pose_error
 from maxcon.lab.simulation import PriorErrors
 from maxcon.lab.study.bench import Bench, prepare_map
 from maxcon.lab.study.methods import StudyMethod
@@ -75,13 +75,9 @@ def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> 
     # Seventy-five starts of a scan thinned as usual take seconds; coarser, they end at the same places.
     quick = Gicp(3.0, thinning=2.0, step_tolerance=0.02, turn_tolerance=5e-3, targets=targets)
     many = MultiStart(
-        quick,
-        n_side=5,
-        spacing=2.0 * level.offset / 5,
-        n_headings=3,
-        heading_spacing_deg=2.0 * level.heading_deg / 3,
+        quick, spacing=2.0 * level.offset / 5, n_headings=3, heading_spacing_deg=2.0 * level.heading_deg / 3,
         choice="overlap",
-    )
+    )  # fmt: skip
     count = CountThenGicp(level.offset, level.heading_deg, gicp=Gicp(3.0, targets=targets))
     found = [
         StudyMethod(MAXCON, MaximumConsensus(space_of(level))),
@@ -99,13 +95,9 @@ class PriorTrial:
     """The result of one method from one prior.
 
     offset, heading_deg: the level: the prior is wrong by up to so much in x and in y, m, and in heading, degrees.
-    epoch: number of the scan.
-    method: its name.
-    status: the method's own word.
-    is_good: whether the method itself reports its pose as good.
+    status, is_good: the method's own word, and whether it reports its pose as good.
     is_right: whether the pose is within 0.3 m and 1 degree of the reference.
-    distance: of the pose from the reference in x and y, m.
-    heading_error_deg: signed, degrees.
+    distance, heading_error_deg: of the pose from the reference, in x and y, m, and signed, degrees.
     ms: processor time from points in memory to the pose.
     """
 
@@ -199,26 +191,15 @@ class TrialSummary:
 
 def summarize_trials(trials: Iterable[PriorTrial]) -> list[TrialSummary]:
     """Return one summary per level and method: levels rising, methods in the order they first come."""
-    groups: dict[tuple[float, float], dict[str, list[PriorTrial]]] = {}
+    groups: dict[tuple[float, float, str], list[PriorTrial]] = {}
     for trial in trials:
-        of_level = groups.setdefault((trial.offset, trial.heading_deg), {})
-        of_level.setdefault(trial.method, []).append(trial)
-    return [_summary(of_method) for level in sorted(groups) for of_method in groups[level].values()]
-
-
-def _summary(trials: Sequence[PriorTrial]) -> TrialSummary:
-    first = trials[0]
-    right = [trial.distance for trial in trials if trial.is_right]
-    median_ms, p95_ms = np.percentile([trial.ms for trial in trials], (50, 95))
-    return TrialSummary(
-        offset=first.offset,
-        heading_deg=first.heading_deg,
-        method=first.method,
-        n_epochs=len(trials),
-        n_right=len(right),
-        n_good=sum(trial.is_good for trial in trials),
-        n_wrong_but_good=sum(trial.is_good and not trial.is_right for trial in trials),
-        median_error=float(np.median(right)) if right else math.nan,
-        median_ms=float(median_ms),
-        p95_ms=float(p95_ms),
-    )
+        groups.setdefault((trial.offset, trial.heading_deg, trial.method), []).append(trial)
+    found = []
+    for level_and_method, group in sorted(groups.items(), key=lambda item: item[0][:2]):
+        right = Quantiles.of(trial.distance for trial in group if trial.is_right)
+        times = Quantiles.of(trial.ms for trial in group)
+        n_right, n_good = (sum(getattr(trial, name) for trial in group) for name in ("is_right", "is_good"))
+        n_wrong_but_good = sum(trial.is_good and not trial.is_right for trial in group)
+        counts = (len(group), n_right, n_good, n_wrong_but_good)
+        found.append(TrialSummary(*level_and_method, *counts, right.median, times.median, times.p95))
+    return found

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -50,8 +50,7 @@ class Study:
         return cls(root, Configuration.read(root), table_of(root).read())
 
 
-@dataclass(frozen=True, slots=True)
-class StudyTask:
+class StudyTask(NamedTuple):
     """Some epochs of one prior, and the names of the methods that are to answer them."""
 
     prior: str
@@ -122,35 +121,19 @@ def run_study(
 ) -> Study:
     """Let methods localize epochs of a dataset; rows that are in the folder already are not made again.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        Map, scans, reference and priors.
-    folder : path
-        Of the study; made if it is not there. More methods, priors or epochs can be added to a study later.
-    methods : sequence of StudyMethod
-        Each by a name of its own.
-    priors : sequence of str, optional
-        Names of the dataset's priors, or "reference" for the reference itself; all of the dataset's if None.
-    n_epochs : int, optional
-        So many of the dataset's scans, evenly spread; all if None.
-    n_workers : int, optional
-        Processes; as many as there are processors if None. With one, all is done in this process.
-    options : DriveOptions, optional
-        Range limits, and gaps of the trajectories to interpolate across.
-    progress : callable, optional
-        Called with (step, done, of how many).
-    scheduler : str, optional
-        Address of a dask scheduler, whose workers do it instead.
-    warn : callable, optional
-        Called with a line for the user: that the scheduler is waited for.
+    - dataset: map, scans, reference and priors.
+    - folder: of the study; made if it is not there. More methods, priors or epochs can be added to a study later.
+    - methods: each by a name of its own.
+    - priors: names of the dataset's priors, or "reference" for the reference itself; all of the dataset's if None.
+    - n_epochs: so many of the dataset's scans, evenly spread; all if None.
+    - n_workers: processes; as many as there are processors if None. With one, all is done in this process.
+    - options: range limits, and gaps of the trajectories to interpolate across.
+    - progress: called with (step, done, of how many).
+    - scheduler: address of a dask scheduler, whose workers do it instead.
+    - warn: called with a line for the user: that the scheduler is waited for.
 
-    Raises
-    ------
-    OptionError
-        If a prior or a number does not exist, or the folder holds a study made otherwise.
-    FileError, MapError, TrajectoryError, CrsError, MissingExtraError
-        If the dataset cannot be used, or the folder cannot be written.
+    OptionError if a prior or a number does not exist, or the folder holds a study made otherwise; FileError, MapError,
+    TrajectoryError, CrsError or MissingExtraError if the dataset cannot be used, or the folder cannot be written.
     """
     root, options, report = Path(folder), options or DriveOptions(), progress or (lambda step, done, total: None)
     engine = Engine(n_workers, scheduler, warn)

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: MIT
 """The table of a study: read, written, and summarized by method."""
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,87 +135,63 @@ class MethodStatistics:
 
     n_tried: epochs that say something about the method: the reference is known, the scan could be read, and the start
         lay inside the map.
-    n_answers: epochs with a pose, trusted or not.
     n_success: within 0.3 m and 1 degree of the reference, trusted or not; of several starts: all.
     n_localized: epochs whose pose the method itself calls localized.
     n_false: of these, how many are no success.
     statuses: how often each status came.
-    distance, along, across, heading: of the absolute errors over the answers, m, and rad for the heading; NaN without
-        answers.
-    peak_ratio, kurtosis, divergence, spread: medians; NaN where the method has none.
+    distance ... ms: quantiles of the absolute values of these columns; NaN where the method has none.
     n_starts, n_converged: over all epochs; 0 where the method has one start.
-    ms, ms_95: median and 95 % of the time, ms.
     """
 
     prior: str
     method: str
     n_epochs: int
     n_tried: int
-    n_answers: int
     n_success: int
     n_localized: int
     n_false: int
     statuses: dict[str, int]
+    n_starts: int
+    n_converged: int
     distance: Quantiles
     along: Quantiles
     across: Quantiles
-    heading: Quantiles
-    peak_ratio: float
-    kurtosis: float
-    divergence: float
-    spread: float
-    n_starts: int
-    n_converged: int
-    ms: float
-    ms_95: float
+    heading_error: Quantiles
+    peak_ratio: Quantiles
+    kurtosis: Quantiles
+    divergence: Quantiles
+    spread: Quantiles
+    ms: Quantiles
 
 
 def rows_by_method(table: "pyarrow.Table", order: Sequence[str] = ()) -> list[MethodRows]:
     """Return a study's table prior by prior and method by method: those of `order` first, others by name."""
-    import pyarrow.compute
+    import pyarrow.compute as compute
 
     pairs = set(zip(table.column("prior").to_pylist(), table.column("method").to_pylist(), strict=True))
     place = {name: number for number, name in enumerate(order)}
     found = []
     for prior, method in sorted(pairs, key=lambda pair: (pair[0], place.get(pair[1], len(place)), pair[1])):
-        is_here = pyarrow.compute.and_(
-            pyarrow.compute.equal(table.column("prior"), prior), pyarrow.compute.equal(table.column("method"), method)
-        )
+        is_here = (compute.field("prior") == prior) & (compute.field("method") == method)
         found.append(MethodRows(prior, method, table.filter(is_here).sort_by("epoch")))
     return found
 
 
 def statistics(rows: MethodRows) -> MethodStatistics:
     """Summarize the rows of a method."""
-
-    def known(name: str) -> NDArray[np.float64]:
-        values = rows.numbers(name)
-        return values[np.isfinite(values)]
-
-    def quantile(name: str, fraction: float = 0.5) -> float:
-        return float(np.quantile(values, fraction)) if len(values := known(name)) else math.nan
-
     is_localized, is_success = rows.numbers("is_localized") == 1.0, rows.numbers("is_success") == 1.0
+    measured = [field.name for field in fields(MethodStatistics) if field.type is Quantiles]
+    known = {name: values[np.isfinite(values)] for name in measured for values in (rows.numbers(name),)}
     return MethodStatistics(
         prior=rows.prior,
         method=rows.method,
         n_epochs=len(rows),
         n_tried=int(rows.is_tried.sum()),
-        n_answers=len(known("x")),
         n_success=int(is_success.sum()),
         n_localized=int(is_localized.sum()),
         n_false=int((is_localized & ~is_success & np.isfinite(rows.numbers("distance"))).sum()),
         statuses=dict(Counter(str(word) for word in rows.words("status"))),
-        distance=Quantiles.of(known("distance")),
-        along=Quantiles.of(known("along")),
-        across=Quantiles.of(known("across")),
-        heading=Quantiles.of(known("heading_error")),
-        peak_ratio=quantile("peak_ratio"),
-        kurtosis=quantile("kurtosis"),
-        divergence=quantile("divergence"),
-        spread=quantile("spread"),
-        n_starts=int(known("n_starts").sum()),
-        n_converged=int(known("n_converged").sum()),
-        ms=quantile("ms"),
-        ms_95=quantile("ms", 0.95),
+        n_starts=int(np.nansum(rows.numbers("n_starts"))),
+        n_converged=int(np.nansum(rows.numbers("n_converged"))),
+        **{name: Quantiles.of(values) for name, values in known.items()},
     )
