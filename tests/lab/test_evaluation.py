@@ -194,12 +194,6 @@ def test_no_epoch_says_nothing():
     assert (curve.n_epochs, len(curve.rates), curve.n_trusted) == (1, 0, 0)
 
 
-def test_mean_square_is_halved():
-    found = MeanSquare.of([1.0, 2.0, 9.0, np.nan])
-    assert (found.n_epochs, found.mean) == (3, 2.0)
-    assert found.median == pytest.approx(2.0 / (2.0 * math.log(2.0)))
-
-
 def test_mean_squares_as_predicted_lie_between_the_limits():
     generator = np.random.default_rng(3)
     squares = (generator.standard_normal((1_000, 40, 2)) ** 2).sum(axis=2)
@@ -252,11 +246,3 @@ def test_trusted_answers_go_first_and_each_by_its_runner_up():
 def test_answers_of_equal_trust_are_accepted_together():
     found = RiskCoverage.of([True, False, True, False], [True] * 4, [True, True, False, False], [np.nan] * 4)
     np.testing.assert_array_equal([found.n_accepted, found.n_wrong], [[2, 4], [1, 2]])
-
-
-def test_the_word_of_the_method_is_a_place_of_the_order():
-    generator = np.random.default_rng(2)
-    right, answered, trusted = (generator.random((3, 200)) < [[0.9], [0.95], [0.8]])[:3]
-    found = RiskCoverage.of(right, answered, trusted, generator.random(200))
-    place = np.searchsorted(found.n_accepted, found.n_trusted)
-    assert (found.n_accepted[place], found.n_wrong[place]) == (found.n_trusted, found.n_trusted_wrong)

@@ -4,6 +4,7 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -118,12 +119,7 @@ class Dataset:
         return open_scans(self.scans, self.times)
 
     def map_options(self, *, cell: float = 0.06, keep_every: int = 1, keeps_ground: bool = False) -> "MapOptions":
-        """Return the options to build the map from the clouds.
-
-        cell: voxel edge, m.
-        keep_every: of so many points one is kept.
-        keeps_ground: whether the ground stays in the map: a baseline that needs it may have it.
-        """
+        """Return the options to build the map from the clouds: see `MapVariant`; the ground may stay for a baseline."""
         from maxcon.mapping.build.options import DEFAULT_DROP, MapOptions, parse_classes
 
         drop, ground = self.drop, parse_classes(["ground"])
@@ -210,14 +206,11 @@ def _description() -> Any:
 def _existing(file: Path, table: str, key: str, name: str) -> Path:
     """Return the path of a part; FileError if it does not exist."""
     path = file.parent / name
-    try:
+    with suppress(OSError):  # too long a name
         if path.exists():
             return path
-        got: object = path
-    except OSError as error:  # too long a name
-        got = f"{name[:80]!r}: {error.strerror}"
     raise FileError(
-        f"Expected {key} under [{table}] in {file} to name what exists, got {got}. Correct it; paths are relative to"
+        f"Expected {key} under [{table}] in {file} to name what exists, got {path}. Correct it; paths are relative to"
         " that file."
     )
 
@@ -226,18 +219,9 @@ def _clouds(file: Path, named: str | tuple[str, ...]) -> tuple[Path, ...]:
     """Return the files of one pattern or several, in order; each must find some, in a folder that is named plainly."""
     found: list[Path] = []
     for pattern in (named,) if isinstance(named, str) else named:
-        place = file.parent / pattern
-        try:
-            files = (
-                [place] if place.is_file() else sorted(path for path in place.parent.glob(place.name) if path.is_file())
-            )
-        except ValueError:  # no pattern at all, such as a bare root
-            files = []
-        except OSError as error:
-            raise FileError(
-                f"Expected clouds under [map] in {file} to name what exists, got {pattern[:80]!r}: {error.strerror}."
-                " Correct it; paths are relative to that file."
-            ) from error
+        place, files = file.parent / pattern, list[Path]()
+        with suppress(OSError, ValueError):  # too long a name; no pattern at all, such as a bare root
+            files = [place] if place.is_file() else sorted(filter(Path.is_file, place.parent.glob(place.name)))
         if not files:
             raise FileError(
                 f"Expected clouds under [map] in {file} to name files, got none for {pattern!r}. Correct it."

@@ -119,16 +119,6 @@ def test_its_word_is_that_of_gicp(same, street, street_map, street_scan):
     assert hasty.localize(street_scan, street_map, prior).status == Status.NOT_CONVERGED
 
 
-def test_other_priors_of_one_preparation_give_the_same(same, street, street_map, street_scan):
-    method, prior = CountThenGicp(6.0, 5.0), street.prior(2.0, -1.0, 3.0)
-    wanted = method.localize(street_scan, street_map, prior)
-    aligner = method.prepare(street_scan, street_map, street.sensor, spread=5.0)
-    found = aligner.align(prior)
-    assert found.status == wanted.status
-    assert math.dist(found.pose.position, wanted.pose.position) < 1e-6
-    assert same(method.localize(street_scan, street_map, prior), wanted)
-
-
 def test_without_small_gicp_the_extra_is_named(street, street_map, street_scan, monkeypatch):
     monkeypatch.setitem(sys.modules, "small_gicp", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[baselines\]'"):

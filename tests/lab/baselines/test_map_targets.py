@@ -11,7 +11,6 @@ import pytest
 
 from maxcon import PointMap, Pose, Scan, Status
 from maxcon.geometry import LocalFrame
-from maxcon.geometry.frame import voxel_centers
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart
 from maxcon.lab.baselines.map_targets import N_TARGETS, Place, merge_planes, thin
 
@@ -38,16 +37,6 @@ class WatchedTiles:
 def watched(plain):
     tiles = WatchedTiles(plain)
     return PointMap(LocalFrame(), plain.cell, True, tiles), tiles
-
-
-@pytest.mark.parametrize("place", [Place(0, 0, 40.0), Place(-3, 2, 60.0)])
-def test_voxels_too_far_apart_to_merge_come_as_they_are(plain, place):
-    points, normals = MapTargets().planes(plain, place, 0.06)
-    every = voxel_centers(plain.all_voxels()[0], plain.cell)
-    wanted = every[place.reaches(every)]
-    assert len(wanted) > 1000
-    np.testing.assert_allclose(points[np.lexsort(points.T)], wanted[np.lexsort(wanted.T)], atol=1e-9)
-    np.testing.assert_allclose(normals, np.tile([0.0, 0.6, 0.8], (len(points), 1)), atol=1e-6)
 
 
 def test_a_coarser_edge_merges():
@@ -169,11 +158,6 @@ def test_all_that_a_sensor_in_the_square_reaches_is_there(x, y):
     assert (np.abs(points[is_reached, :2] - place.middle) <= place.half_width).all()
 
 
-def test_a_place_is_rounded_at_its_corners():
-    corner = np.array([[20.0 + 29.0, 20.0 + 29.0, 0.0], [20.0 + 28.0, 20.0 + 28.0, 99.0], [60.0, 10.0, 0.0]])
-    assert Place(0, 0, 40.0).reaches(corner).tolist() == [False, True, True]
-
-
 def test_means_of_cubes_in_the_order_z_y_x():
     points = np.array([[0.9, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.1, 0.3, 0.0], [0.1, 0.1, 1.5], [0.3, 0.1, 0.2]])
     assert thin(points, 0.0) is points
@@ -181,15 +165,6 @@ def test_means_of_cubes_in_the_order_z_y_x():
     np.testing.assert_allclose(
         thin(points, 1.0), [[-0.1, 0.1, 0.0], [(0.9 + 0.1 + 0.3) / 3, 0.5 / 3, 0.2 / 3], [0.1, 0.1, 1.5]]
     )
-
-
-@pytest.mark.parametrize("shift", [0.0, -7.0, 1e6])
-def test_every_point_lies_in_the_cube_of_its_mean(shift):
-    points = np.random.default_rng(0).uniform(-5.0, 5.0, (2000, 3)) + shift
-    means = thin(points, 0.7)
-    cubes = np.unique(np.floor(points / 0.7).astype(int), axis=0)
-    assert len(means) == len(cubes)
-    assert (np.unique(np.floor(means / 0.7).astype(int), axis=0) == cubes).all()
 
 
 def test_normals_that_agree_are_averaged_and_those_of_an_edge_are_dropped():

@@ -9,23 +9,9 @@ import pytest
 
 import maxcon
 from drawn_figures import SPACE, parts, words, yard
-from maxcon.lab.paper.distinctness import (
-    MEASURES,
-    bin_percents,
-    color_limits,
-    plot_distinctness,
-    plot_kurtosis_map,
-    spaced_epochs,
-)
+from maxcon.lab.paper.distinctness import MEASURES, bin_percents, plot_distinctness, plot_kurtosis_map, spaced_epochs
 from maxcon.lab.paper.overview import draw_matches, draw_space, highest_of_blocks, overview_words, plot_overview
-from maxcon.lab.paper.search_spaces import (
-    best_from,
-    draw_section,
-    draw_view,
-    highest_in_section,
-    section_words,
-    view_words,
-)
+from maxcon.lab.paper.search_spaces import best_from, draw_section, draw_view, section_words, view_words
 from maxcon.plotting.epoch import Scene
 from maxcon.plotting.score_panel import SearchSpaceView
 
@@ -54,12 +40,6 @@ def counted(matches, n_headings=3):
 
 
 # Figure 2: one epoch, heading by heading.
-
-
-def test_highest_score_is_that_of_the_section():
-    found = counted({(1, 6, 4): 9.0, (0, 8, 2): 5.0, (0, 9, 4): 7.0, (2, 6, 7): 8.0, (2, 0, 0): 1.0})
-    # 1 m is two cells: (0, 8, 2) lies at the corner of the section, (0, 9, 4) and (2, 6, 7) just outside.
-    assert [highest_in_section(found, heading) for heading in range(3)] == [5.0, 9.0, 0.0]
 
 
 def test_best_cell_lies_in_the_middle_of_its_panel(panel):
@@ -105,13 +85,6 @@ def test_the_reference_is_at_zero_and_the_whole_space_in_sight(panel, reference,
     assert panel.get_xlim() == pytest.approx(xlim) and panel.get_ylim() == pytest.approx(ylim)
     marks = [line.get_xydata()[0] for line in panel.lines]
     np.testing.assert_allclose(marks, [(0.0, 0.0), best], atol=1e-9)
-
-
-def test_nothing_matched_is_said_and_not_marked(panel):
-    empty = counted({})
-    draw_view(panel, empty, PRIOR)
-    assert len(panel.lines) == 1
-    assert view_words(empty, PRIOR) == "Count\nall cells score the same"
 
 
 # Figure 3: the overview.
@@ -218,13 +191,6 @@ def test_epochs_keep_their_distance():
     x = np.array([0.0, 0.0, 0.0, 0.9, 1.0, 1.9, 2.0, 3.0, 2.5, 1.5, 0.5, -1.0])
     chosen = spaced_epochs(np.column_stack([x, np.zeros(12)]), 1.0)
     assert chosen == [0, 4, 6, 7, 11]
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"), [([3.0, np.nan, 7.0], (3.0, 7.0)), ([4.0, 4.0], (3.2, 5.0)), ([np.nan], (1.0, 10.0))]
-)
-def test_colors_span_the_values(values, expected):
-    assert color_limits(np.array(values)) == pytest.approx(expected)
 
 
 def test_medians_and_left_out_epochs_of_a_kurtosis_map_are_stated(tmp_path):

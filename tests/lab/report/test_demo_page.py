@@ -127,11 +127,6 @@ def test_page_is_ready_for_phones_and_for_those_who_cannot_see(written):
     assert all(image["alt"] for image in tags.named("img"))
 
 
-def test_same_input_gives_the_same_bytes(page, written, tmp_path):
-    write_page(tmp_path / "demo.html", "demo.html.j2", page)
-    assert (tmp_path / "demo.html").read_bytes() == written.read_bytes()
-
-
 def test_without_jinja2_the_extra_is_named(page, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jinja2", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[demo\]'"):

@@ -10,7 +10,7 @@ import pytest
 
 from maxcon.errors import OptionError
 from maxcon.geometry import wrap_angle
-from maxcon.lab.simulation import LasClass, ProfileScanner
+from maxcon.lab.simulation import ProfileScanner
 
 THIN = (ProfileScanner(line_rate=1.0, points_per_line=90),)
 
@@ -88,17 +88,6 @@ def test_rounds_are_off_by_2_cm_and_points_as_much_as_the_trajectory(campaign):
         )
     between = np.array([errors.at(drive.times[0] + np.arange(0.0, 160.0, 40.0)) for drive in mapping.drives])
     assert 0.012 < between.std(axis=0).mean() < 0.028
-
-
-def test_parked_cars_have_moved_and_none_is_in_the_way(campaign):
-    days = campaign.mapping.caster.city, campaign.scan_caster.city
-    cars = [city.corners[city.classes == LasClass.VEHICLE] for city in days]
-    assert min(len(car) for car in cars) > 50_000  # 100 and more triangles each
-    assert len(np.intersect1d(cars[0][:, 0, 0], cars[1][:, 0, 0])) == 0
-    np.testing.assert_array_equal(*(city.corners[city.classes != LasClass.VEHICLE] for city in days))
-    middles = cars[1].mean(axis=1)[:, :2]
-    for place in campaign.circuit.points[::100]:
-        assert np.linalg.norm(middles - place, axis=1).min() > 0.9
 
 
 def test_a_scan_is_the_same_whichever_others_are_taken(campaign, everything, thin_scanner):

@@ -206,13 +206,6 @@ def test_successive_epochs_and_the_odometry_of_the_whole_round(campaign_dataset,
 
 
 @pytest.mark.usefixtures("built")
-def test_progress_counts_to_the_end(tmp_path):
-    seen = []
-    simulate_campaign(tmp_path / "out", n_epochs=2, **THINNEST, progress=lambda *step: seen.append(step))
-    assert seen == [(done, len(seen)) for done in range(1, 1 + len(seen))]
-
-
-@pytest.mark.usefixtures("built")
 @pytest.mark.parametrize("stop_at", [1, 10_000])
 def test_a_failure_leaves_nothing(tmp_path, stop_at):
     def fail(done, total):

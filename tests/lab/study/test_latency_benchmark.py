@@ -4,7 +4,6 @@
 
 import csv
 import importlib
-import time
 from pathlib import Path
 
 import numpy as np
@@ -25,20 +24,6 @@ def latency(monkeypatch):
 @pytest.fixture
 def latency_table(latency):
     return importlib.import_module("latency_table")
-
-
-def busy(seconds):
-    end = time.process_time() + seconds
-    while time.process_time() < end:
-        pass
-
-
-def test_a_stage_is_timed_without_the_stages_inside(latency):
-    stages = latency.StageTimes()
-    inner = stages.of("inner", lambda: busy(0.05))
-    stages.of("outer", lambda: (busy(0.02), inner()))()
-    assert 50.0 <= stages.ms["inner"] < 70.0
-    assert 20.0 <= stages.ms["outer"] < 50.0
 
 
 def test_all_stages_of_a_search_are_seen(latency):

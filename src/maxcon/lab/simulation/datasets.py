@@ -4,11 +4,10 @@
 
 import itertools
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +46,25 @@ DATASET_NAMES = (
     DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt", ODOMETRY, "drive.bag", "drive.mcap",
 )  # fmt: skip
 """All that the folder of a simulated dataset may hold; what holds anything else is not overwritten."""
+
+
+DESCRIBED = f"""# A dataset simulated by maxcon {{words}}.
+# Classes of the map: {{classes}}.
+
+[map]
+clouds = "map/tile_*.laz"
+trajectory = "map/trajectory.txt"
+crs = "{CRS}"
+vehicle_classes = [{LasClass.VEHICLE.value}]
+{{sigma}}
+[scans]
+folder = "scans"
+times = "scans/times.txt"
+reference = "reference.txt"
+{{odometry}}
+[priors]
+{{priors}}
+"""
 
 
 class DatasetOptions(TypedDict, total=False):
@@ -186,14 +204,12 @@ def _two_priors(world: World, epochs: Sequence[Epoch]) -> dict[str, list[Pose]]:
     return {"gnss": world.gnss_priors(epochs), "uniform": world.uniform_priors(epochs)}
 
 
-@contextmanager
-def _dataset_folder(out: str | os.PathLike[str], options: DatasetOptions) -> Iterator[Path]:
-    """Yield an empty folder to write a dataset to; it becomes `out` when the block ends well and vanishes otherwise."""
+def _dataset_folder(out: str | os.PathLike[str], options: DatasetOptions) -> AbstractContextManager[Path]:
+    """An empty folder to write a dataset to; it becomes `out` when the block ends well and vanishes otherwise."""
     overwrite = options.get("overwrite", False)
     if overwrite:
         check_replaceable(out, "a simulated dataset", DATASET_NAMES)
-    with atomic_folder(out, overwrite=overwrite) as folder:
-        yield folder
+    return atomic_folder(out, overwrite=overwrite)
 
 
 def _write(
@@ -223,7 +239,14 @@ def _write(
             progress(next(done), n_steps)
 
     files = {name: "prior.txt" if len(priors) == 1 else f"prior_{name}.txt" for name in priors}
-    _write_description(folder, words, files, classes, map_sigma)
+    text = DESCRIBED.format(
+        words=f"{__version__}: {words}",
+        classes=", ".join(f"{member.name.lower()} {member.value}" for member in classes),
+        sigma="" if map_sigma is None else f"sigma = {map_sigma}\n",
+        odometry=f'odometry = "{ODOMETRY}"\n' if (folder / ODOMETRY).exists() else "",
+        priors="\n".join(f'{name} = "{file}"' for name, file in files.items()),
+    )
+    (folder / DESCRIPTION).write_text(text, encoding="utf-8", newline="\n")
     (folder / "map").mkdir()
     frame = LocalFrame(CITY_ORIGIN, pyproj.CRS.from_user_input(CRS).to_wkt())
     with MapTiles(folder / "map", frame) as tiles:
@@ -269,35 +292,7 @@ def _write_poses(path: Path, times: NDArray[np.float64], poses: Sequence[Pose], 
     write_tum(path, Trajectory.from_poses(times, poses_global), f"{what}, {CRS}, seconds of the week")
 
 
-def _write_description(
-    folder: Path, words: str, priors: Mapping[str, str], classes: Iterable[LasClass], map_sigma: float | None
-) -> None:
-    """Write the description of the dataset in `folder`; `priors` are their files by their names."""
-    odometry = f'odometry = "{ODOMETRY}"\n' if (folder / ODOMETRY).exists() else ""
-    sigma = "" if map_sigma is None else f"sigma = {map_sigma}\n"
-    classes_named = ", ".join(f"{member.name.lower()} {member.value}" for member in classes)
-    named = "\n".join(f'{name} = "{file}"' for name, file in priors.items())
-    text = f"""# A dataset simulated by maxcon {__version__}: {words}.
-# Classes of the map: {classes_named}.
-
-[map]
-clouds = "map/tile_*.laz"
-trajectory = "map/trajectory.txt"
-crs = "{CRS}"
-vehicle_classes = [{LasClass.VEHICLE.value}]
-{sigma}
-[scans]
-folder = "scans"
-times = "scans/times.txt"
-reference = "reference.txt"
-{odometry}
-[priors]
-{named}
-"""
-    (folder / DESCRIPTION).write_text(text, encoding="utf-8", newline="\n")
-
-
-class MapTiles:
+class MapTiles(ExitStack):
     """Open LAZ files (LAS 1.4, point format 6), one per square of 50 m, named by its lower left corner.
 
     folder: where the files go; must exist.
@@ -308,21 +303,14 @@ class MapTiles:
         import laspy
         import pyproj
 
-        self._laspy = laspy
-        self._crs = pyproj.CRS.from_user_input(frame.crs)
-        self._folder = folder
-        self._frame = frame
+        super().__init__()
+        self._laspy, self._crs = laspy, pyproj.CRS.from_user_input(frame.crs)
+        self._folder, self._frame = folder, frame
         self._writers: dict[tuple[int, int], Any] = {}
-        self._open_files = ExitStack()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: Any) -> bool | None:
         with laz_as_os_error():
-            self._open_files.close()
+            return super().__exit__(*raised)
 
     def write(self, returns: Returns) -> None:
         """Append `returns` to the files they fall in."""
@@ -349,7 +337,7 @@ class MapTiles:
         header.add_crs(self._crs)
         path = self._folder / "tile_{}_{}.laz".format(*corner)
         # Opened here: laspy leaves a file of its own open when the disk is full, and Python warns of that much later.
-        stream = self._open_files.enter_context(path.open("w+b"))
+        stream = self.enter_context(path.open("w+b"))
         writer = self._laspy.open(stream, mode="w", header=header, do_compress=True, closefd=False)
-        self._writers[east, north] = self._open_files.enter_context(writer)
+        self._writers[east, north] = self.enter_context(writer)
         return self._writers[east, north]
