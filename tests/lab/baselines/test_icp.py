@@ -192,13 +192,6 @@ def test_point_equations_by_hand():
     np.testing.assert_allclose(gradient, [0.4, 0.2, 2.0 * 0.2 - 1.0 * 0.1 + 3.0 * 0.3])
 
 
-def test_plane_equations_by_hand():
-    arms, offsets = np.array([[2.0, 1.0, 9.0]]), np.array([[0.5, 0.25, 1.0]])
-    N, gradient = Residual.PLANE.normal_equations(arms, offsets, np.array([[0.6, 0.0, 0.8]]))
-    np.testing.assert_allclose(N, np.outer([0.6, 0.0, -0.6], [0.6, 0.0, -0.6]))
-    np.testing.assert_allclose(gradient, 1.1 * np.array([0.6, 0.0, -0.6]))
-
-
 def test_an_open_direction_does_not_move():
     N = np.diag([4.0, 0.0, 100.0])
     step, is_full = smallest_step((N, np.array([-2.0, 0.0, 1.0])), 5.0)

@@ -39,15 +39,6 @@ def watched(plain):
     return PointMap(LocalFrame(), plain.cell, True, tiles), tiles
 
 
-def test_a_coarser_edge_merges():
-    grid = np.stack(np.meshgrid(*[np.arange(0.03, 1.0, 0.06)] * 2), axis=-1).reshape(-1, 2)
-    wall = PointMap.from_points(np.insert(grid, 1, 0.03, axis=1), np.tile([0, -1.0, 0], (len(grid), 1)))
-    points, normals = MapTargets().planes(wall, Place(0, 0, 20.0), 0.5)
-    assert len(points) == 2 * 2  # 0 to 1.02 m, of which the last voxel's centre is at 0.99 m
-    np.testing.assert_allclose(points[:, 1], 0.03)
-    np.testing.assert_allclose(normals, np.tile([0, -1.0, 0], (4, 1)), atol=1e-7)
-
-
 def test_no_tile_is_loaded_beyond_the_reach_and_none_twice(watched):
     point_map, tiles = watched
     targets = MapTargets()
@@ -174,9 +165,3 @@ def test_normals_that_agree_are_averaged_and_those_of_an_edge_are_dropped():
     merged, found = merge_planes(points, normals, 1.0, is_signed=True)
     np.testing.assert_allclose(merged[:, 0], [0.2, 1.15, 2.15])
     np.testing.assert_allclose(found, [[np.sin(0.1), np.cos(0.1), 0.0], [0, 0, 0], [0, 0, 0]], atol=1e-15)
-
-
-def test_sides_matter_only_in_a_signed_map():
-    points, normals = np.array([[0.1, 0, 0], [0.2, 0, 0]]), np.array([[0, 1, 0], [0, -1, 0.0]])
-    assert not merge_planes(points, normals, 1.0, is_signed=True)[1].any()
-    assert merge_planes(points, normals, 1.0, is_signed=False)[1].tolist() == [[0.0, 1.0, 0.0]]

@@ -109,20 +109,6 @@ def test_best_cell_is_marked_on_the_ground(panel):
     assert panel.images[0].get_array().max() == parts()["estimate"].score
 
 
-def test_cells_too_small_for_the_picture_are_drawn_as_blocks(panel):
-    space = maxcon.SearchSpace(half_width=1.53, cell=0.03, heading_half_width_deg=0.0)
-    moments = np.zeros((*space.shape, 4))
-    moments[0, 101, 33, 0] = 5.0
-    fine = SearchSpaceView(maxcon.Accumulator(moments, space, PRIOR), maxcon.Count())
-    draw_space(panel, fine, is_localized=True, is_this=True)
-    # 102 cells in blocks of three.
-    blocks = panel.images[0].get_array()
-    assert blocks.shape == (34, 34)
-    assert np.argwhere(blocks).tolist() == [[33, 11]]
-    west, east, _, _ = panel.images[0].get_extent()
-    assert east - west == pytest.approx(102 * 0.03)
-
-
 def test_consensus_set_is_drawn_at_the_answer(panel):
     def drawn(**changes):
         estimate = replace(parts()["estimate"], **changes)

@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from maxcon.errors import OptionError
 from maxcon.geometry import wrap_angle
 from maxcon.lab.simulation import ProfileScanner
 
@@ -111,6 +110,3 @@ def test_the_car_comes_again_on_the_same_day_and_on_another(campaign):
     again = campaign.again(0)
     assert again.epochs(5) == epochs[0]
     assert again.gnss_priors(epochs[0]) == campaign.gnss_priors(epochs[0]) != same.gnss_priors(epochs[0])
-    for number, day in ((-1, 1), (0, 0)):
-        with pytest.raises(OptionError, match="number of a drive"):
-            campaign.again(number, day)

@@ -7,8 +7,6 @@ import pytest
 
 from maxcon.lab.simulation import CAMPAIGN_GRID, LasClass, StreetGrid, build_city
 from maxcon.lab.simulation.city import build_periodic_city, periodic_front
-from maxcon.lab.simulation.facades import relief
-from maxcon.lab.simulation.furniture import boxes
 
 CROSS = StreetGrid(u_lines=(0.0,), v_lines=(0.0,), carriageway=4.0, sidewalk=2.0, margin=30.0)
 VEHICLES = LasClass.VEHICLE
@@ -17,15 +15,6 @@ VEHICLES = LasClass.VEHICLE
 def _normals(patch):
     """Normals of triangles, twice as long as their areas."""
     return np.cross(patch.corners[:, 1] - patch.corners[:, 0], patch.corners[:, 2] - patch.corners[:, 0])
-
-
-def test_box_and_relief_have_the_surfaces_they_should():
-    box = _normals(boxes([[0.0, 0.0, 0.0]], [[1.0, 2.0, 3.0]], LasClass.POLE))
-    assert 0.5 * np.linalg.norm(box, axis=1).sum() == pytest.approx(2 * (2 + 3 + 6))
-    window = relief(np.arange(4.0), np.arange(4.0), np.pad([[0.2]], 1))
-    areas = 0.5 * np.abs(_normals(window)).sum(axis=0)
-    np.testing.assert_allclose(areas, [2 * 0.2, 9.0, 2 * 0.2])  # two reveals, the wall with its pane, lintel and sill
-    assert np.isclose(window.corners[:, :, 1].min(), -0.2)
 
 
 def test_same_seed_same_city():
@@ -52,12 +41,6 @@ def test_parked_cars_change_and_nothing_else():
     assert not np.array_equal(monday.corners, tuesday.corners)
     np.testing.assert_array_equal(*(one.corners[one.classes != VEHICLES] for one in (monday, tuesday)))
     assert not (city.with_parked_cars(1, occupancy=0.0).classes == VEHICLES).any()
-
-
-def test_every_triangle_of_a_car_has_its_number(city):
-    np.testing.assert_array_equal(city.car_numbers >= 0, city.classes == VEHICLES)
-    assert set(np.unique(city.car_numbers)) == set(range(-1, city.car_numbers.max() + 1))
-    assert np.ptp(city.corners[city.car_numbers == 0].reshape(-1, 3)[:, :2], axis=0).max() < 6.0
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,6 @@ from maxcon.lab.simulation import (
     OdometryErrors,
     PriorErrors,
     RoundDriver,
-    StreetGrid,
     circuit_through,
     draw_georeferencing_errors,
     draw_gnss_errors,
@@ -38,18 +37,6 @@ def circuit():
 
 def _headings(circuit):
     return np.unwrap(np.arctan2(circuit.directions[:, 1], circuit.directions[:, 0]))
-
-
-def test_a_circuit_around_one_block_is_a_square_with_round_corners():
-    grid = StreetGrid(u_lines=(0.0, 100.0), v_lines=(0.0, 100.0))
-    circuit = circuit_through(((0, 0), (1, 0), (1, 1), (0, 1)), grid, 0.0, lane=1.0)
-    radius = 9.0 - 0.5 / 9.0  # a moving mean over 1 m draws an arc in by half of that squared over its radius
-    straight, quarter = 102.0 - 2 * 9.0, 0.5 * np.pi * radius  # the right lane is the outer one
-    assert circuit.length == pytest.approx(4 * (straight + quarter), abs=0.05)
-    np.testing.assert_allclose(circuit.points.min(axis=0), [-1.0, -1.0], atol=0.01)
-    np.testing.assert_allclose(circuit.points.max(axis=0), [101.0, 101.0], atol=0.01)
-    assert len(circuit.crossings) == 0
-    assert np.ptp(_headings(circuit)[[0, -1]]) == pytest.approx(2 * np.pi)
 
 
 def test_the_circuit_is_closed_and_its_right_turns_are_narrower(circuit):
@@ -186,11 +173,6 @@ def test_gnss_errors_are_remembered_for_20_s(gnss_errors):
         found = np.corrcoef(heading[:-lag], heading[lag:])[0, 1]
         assert found == pytest.approx(np.exp(-wait / 20.0), abs=0.06)
     assert np.abs(np.diff(gnss_errors[:, 0])).max() < 0.8  # no jumps, at the bounds neither
-
-
-def test_what_follows_changes_no_gnss_error():
-    np.testing.assert_array_equal(draw_gnss_errors(50, 0.1, 7), draw_gnss_errors(3001, 0.1, 7)[:50])
-    assert not np.array_equal(draw_gnss_errors(50, 0.1, 8), draw_gnss_errors(50, 0.1, 7))
 
 
 def test_priors_are_off_by_no_more_than_their_bounds():

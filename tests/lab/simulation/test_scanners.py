@@ -80,12 +80,6 @@ def test_noise_dropouts_and_ranges_are_as_stated(world, epoch):
     assert np.isclose(len(returns.points) / len(full.points), 0.9, atol=0.02)
 
 
-def test_scans_are_seeded(world, epoch, thin_scanner):
-    first, second, other = (world.scan(epoch._replace(tick=tick), thin_scanner) for tick in (0, 0, 9))
-    np.testing.assert_array_equal(first.points, second.points)
-    assert not np.array_equal(other.points[:9], first.points[:9])
-
-
 def test_profiles_are_upright_turned_and_blind_below(world):
     drive, caster = world.mapping.drives[0], world.mapping.caster
     scanner = ProfileScanner(turn_deg=45.0, noise=0.0, blind_deg=45.0)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from maxcon import MaximumConsensus, PointMap, Pose, Scan, SearchSpace
-from maxcon.lab.study.prior_trials import prior_level
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
@@ -38,15 +37,6 @@ def test_all_stages_of_a_search_are_seen(latency):
     with stages.watching():
         MaximumConsensus(SearchSpace(3.0, heading_half_width_deg=2.0)).localize(scan, point_map, pose)
     assert set(stages.ms) == set(latency.STAGES)
-
-
-@pytest.mark.parametrize(("level", "n_ours"), [((3.0, 2.0), 3), ((12.0, 10.0), 1)])
-def test_the_paper_s_cells_are_timed_in_its_window(latency, level, n_ours):
-    methods = latency.methods_of(prior_level(*level), "ground")
-    ours = [method for method in methods if isinstance(method.method, MaximumConsensus)]
-    assert len(ours) == n_ours and len(methods) == n_ours + 2
-    assert {method.map_name for method in ours} == {"standard"}
-    assert {method.map_name for method in methods if method not in ours} == {"ground"}
 
 
 def write_rows(latency, path):

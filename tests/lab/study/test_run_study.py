@@ -17,9 +17,8 @@ from maxcon.lab.dataset import Dataset
 from maxcon.lab.distinctness import distinctness
 from maxcon.lab.evaluation import pose_error
 from maxcon.lab.study import COLUMNS, Study, StudyMethod, choose_methods, run_study
-from maxcon.lab.study.configuration import CONFIGURATION, Configuration
 from maxcon.lab.study.methods import make_maps
-from maxcon.lab.study.run import spread_epochs
+from maxcon.lab.study.run import CONFIGURATION, Configuration, spread_epochs
 from maxcon.lab.study.table import keys_of, table_of, table_schema
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap

@@ -23,8 +23,8 @@ from maxcon.lab.report import Picture
 from maxcon.lab.report.study_statistics import common_epochs
 from maxcon.lab.study import MethodRows, Study, known_methods
 from maxcon.lab.study.bench import REFERENCE, Bench
-from maxcon.lab.study.configuration import check_parts, dataset_parts
 from maxcon.lab.study.methods import STANDARD
+from maxcon.lab.study.run import check_parts, dataset_parts
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.plotting.score_panel import SearchSpaceView

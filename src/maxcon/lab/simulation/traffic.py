@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import ArrayError
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.lab.simulation.drive import Seed
 from maxcon.lab.simulation.furniture import OCTAGON, LasClass, Patch, boxes, draw_car, join, prism
@@ -75,8 +74,6 @@ class CrowdedCaster:
 
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
         """First hit of each ray; origins, all the same, and directions of shape (n, 3), city metres."""
-        if (origins != origins[:1]).any():
-            raise ArrayError("Expected rays from one origin, got several. Cast those of one scan, or use a RayCaster.")
         hits = self._caster.cast(origins, directions)
         ranges = np.where(hits.triangles >= 0, hits.ranges, np.float32(np.inf))
         triangles = hits.triangles.copy()

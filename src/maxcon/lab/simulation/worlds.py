@@ -28,6 +28,7 @@ from maxcon.lab.simulation.drive import (
     off_by,
 )
 from maxcon.lab.simulation.scanners import (
+    Caster,
     ProfileScanner,
     RayCaster,
     Returns,
@@ -101,10 +102,10 @@ class MappingDrives:
         of_drives = [np.arange(drive.times[0], drive.times[-1], TRAJECTORY_STEP) for drive in self.drives]
         poses = [pose for drive, times in zip(self.drives, of_drives, strict=True) for pose in drive.poses(times)]
         times = np.concatenate(of_drives)
-        if self.georeferencing is None:
-            return times, poses
-        offsets = self.georeferencing.at(times)
-        return times, [pose.translated(offset) for pose, offset in zip(poses, offsets, strict=True)]
+        if self.georeferencing is not None:
+            offsets = self.georeferencing.at(times)
+            poses = [pose.translated(offset) for pose, offset in zip(poses, offsets, strict=True)]
+        return times, poses
 
 
 class Epoch(NamedTuple):
@@ -121,10 +122,8 @@ class World:
 
     seed: everything random is drawn from it.
     mapping: drives of the mapping vehicle through the scene on the day of the map.
-    scan_caster: the scene on the day of the scans.
-    scan_drive: drive of the car with the rotating scanner.
-    n_epochs_of_drive: number of scans of the whole drive, 0.1 s apart.
-    start: time of the first of them, s.
+    scan_caster, scan_drive: the scene on the day of the scans, and the drive of the car with the rotating scanner.
+    n_epochs_of_drive, start: number of scans of the whole drive, 0.1 s apart, and time of the first of them, s.
     drive_number: number of the car's drive, from 0.
     """
 
@@ -167,11 +166,8 @@ class World:
 
     def uniform_priors(self, epochs: Sequence[Epoch], errors: PriorErrors | None = None) -> list[Pose]:
         """Priors, T_city_sensor, whose errors are independent from epoch to epoch."""
-        seed = self._of_drive("uniform priors")
-        return [
-            (errors or PriorErrors()).prior(epoch.reference, np.random.default_rng([*seed, epoch.tick]))
-            for epoch in epochs
-        ]
+        drawn, seed = errors or PriorErrors(), self._of_drive("uniform priors")
+        return [drawn.prior(epoch.reference, np.random.default_rng([*seed, epoch.tick])) for epoch in epochs]
 
     def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Returns:
         """Measure the scan of one epoch from its reference pose; it does not depend on which other epochs are taken."""
@@ -288,12 +284,8 @@ class CampaignWorld(World):
         drives: list[Drive] = []
         for i in range(n_rounds):
             rng = np.random.default_rng(cls._stream(seed, "map drive", i, 0))
-            driver = RoundDriver(
-                speed=rng.uniform(9.0, 14.0),
-                turn_speed=rng.uniform(3.5, 4.5),
-                acceleration=2.0,
-                n_stops=int(rng.integers(0, 4)),
-            )
+            speed, turn_speed, n_stops = rng.uniform(9.0, 14.0), rng.uniform(3.5, 4.5), int(rng.integers(0, 4))
+            driver = RoundDriver(speed, turn_speed, acceleration=2.0, n_stops=n_stops)
             start, stream = _next_start(drives), cls._stream(seed, "map drive", i, 1)
             drives.append(drive_round(circuit, driver, stream, height=MAP_HEIGHT, start_time=start))
         errors = _georeferencing(drives, cls._stream(seed, "georeferencing"))
@@ -314,11 +306,6 @@ class CampaignWorld(World):
         drive_number: from 0, the first drive.
         day: 1 for the day of the first drive; on each other day, other cars are parked.
         """
-        if drive_number < 0 or day < 1:
-            raise OptionError(
-                f"Expected the number of a drive >= 0 and a day >= 1, got {drive_number} and {day}."
-                " Drive 0 of day 1 is the first."
-            )
         start = SCAN_START + 86_400.0 * (day - 1)
         world = replace(self, start=start, drive_number=drive_number)
         if day > 1:
@@ -334,11 +321,10 @@ class CampaignWorld(World):
 
     def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Returns:
         """Measure the scan of one epoch in its traffic; it does not depend on which other epochs are taken."""
-        if self.traffic is None:
-            return scanner.scan(self.scan_caster, epoch.reference, epoch.time, self._noise(epoch))
-        rng = np.random.default_rng(self._of_drive("traffic", epoch.tick))
-        road_users = self.traffic.draw(self.scan_caster, scanner, epoch.reference, rng)
-        caster = CrowdedCaster(self.scan_caster, road_users)
+        caster: Caster = self.scan_caster
+        if self.traffic is not None:
+            rng = np.random.default_rng(self._of_drive("traffic", epoch.tick))
+            caster = CrowdedCaster(caster, self.traffic.draw(caster, scanner, epoch.reference, rng))
         return scanner.scan(caster, epoch.reference, epoch.time, self._noise(epoch))
 
 

@@ -1,33 +1,165 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A study: methods x epochs of a dataset, on all processors, into one table; a stopped study can be continued."""
+"""A study: methods x epochs of a dataset, on all processors, into one table; a stopped one goes on."""
 
+import hashlib
+import json
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
 import numpy as np
 
 from maxcon._system import Progress
+from maxcon._system.atomic import write_json
+from maxcon._system.checked import checked, read_json
 from maxcon._system.engine import Engine
-from maxcon._system.resumable import work_folder
+from maxcon._system.regular_file import sha256_of_file
+from maxcon._system.resumable import describe, differences, work_folder
+from maxcon._system.version import __version__
 from maxcon.drive.localize import DriveOptions
-from maxcon.errors import OptionError
+from maxcon.errors import FileError, OptionError
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.bench import REFERENCE, Bench
-from maxcon.lab.study.configuration import CONFIGURATION, Configuration, Run
-from maxcon.lab.study.methods import StudyMethod, make_maps
-from maxcon.lab.study.table import Key, Row, keys_of, table_of
+from maxcon.lab.study.methods import MAP_VARIANTS, StudyMethod, make_maps
+from maxcon.lab.study.table import Row, keys_of, table_of
 
 if TYPE_CHECKING:
     import pyarrow
 
-# Consecutive epochs need the same tiles; but all rows of a task are lost when a study is stopped.
-ROWS_PER_TASK = 3
+CONFIGURATION = "study.json"
+LARGEST = 2**24
+"""Bytes."""
+MAP_AND_SCANS = "description of map and scans"
+
+
+class Run(TypedDict, total=False):
+    """One run of a study; rows made, and seconds, once it is done."""
+
+    methods: list[str]
+    priors: list[str]
+    n_epochs: int
+    n_workers: int
+    n_rows: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """Everything that a study was run with.
+
+    parts: hashes of what the dataset is made of: its description of map and scans, its reference and each prior.
+    options: range limits of the scans, and gaps of prior and reference to interpolate across.
+    methods: description of each method, by its name, in the order of the table.
+    maps: how each map differs, by its name.
+    """
+
+    version: str
+    dataset: str
+    parts: dict[str, str]
+    n_scans: int
+    options: dict[str, float] = field(default_factory=dict)
+    methods: dict[str, dict[str, Any]] = field(default_factory=dict)
+    maps: dict[str, dict[str, Any]] = field(default_factory=dict)
+    runs: list[Run] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls, dataset: Dataset, n_scans: int, options: DriveOptions, methods: Sequence[StudyMethod]
+    ) -> "Configuration":
+        """Return the configuration of a study that begins."""
+        return cls(
+            __version__,
+            str(dataset.path.resolve()),
+            dataset_parts(dataset),
+            n_scans,
+            describe(asdict(options)),
+            {
+                method.name: {
+                    "method": describe(method.method),
+                    "map": method.map_name,
+                    "starts": "around the reference" if method.around_reference else "from the prior",
+                }
+                for method in methods
+            },
+            {
+                name: {"path": str(dataset.map_path)} if dataset.map_path else describe(MAP_VARIANTS[name])
+                for name in dict.fromkeys(method.map_name for method in methods)
+            },
+        )
+
+    @classmethod
+    def read(cls, folder: Path) -> "Configuration":
+        """Return the configuration of the study in a folder; FileError if there is none."""
+        what, advice = "a study", "Make one with maxcon study DATASET -o STUDY"
+        path = folder / CONFIGURATION
+        return checked(read_json(path, what, advice, LARGEST), cls, path, what, advice)
+
+    def write(self, folder: Path) -> None:
+        """Write it into the folder of a study."""
+        write_json(folder / CONFIGURATION, asdict(self))
+
+    def joined(self, other: "Configuration", with_rows: Collection[str]) -> "Configuration":
+        """Return this configuration with the methods of the run that begins; OptionError if it is another study.
+
+        Methods `with_rows` must be as before. Without any, priors and reference may have changed.
+        """
+        for what, mine, theirs in (
+            ("made by maxcon", self.version, other.version),
+            ("of a dataset with scans", self.n_scans, other.n_scans),
+            ("with the options", self.options, other.options),
+        ):
+            if mine != theirs:
+                raise OptionError(
+                    f"Expected to go on with the study {what} {mine}, got {theirs}."
+                    " Name another folder for a new study."
+                )
+        parts = self.parts if with_rows else {MAP_AND_SCANS: self.parts.get(MAP_AND_SCANS, "")}
+        check_parts(parts, other.parts)
+        for name in other.methods:
+            if name in with_rows and self.methods.get(name) != other.methods[name]:
+                raise OptionError(
+                    f"Expected {name} to be made as before in this study, with"
+                    f" {differences(self.methods.get(name), other.methods[name])}. Name another folder, or give your"
+                    " own method another name."
+                )
+        kept = {name: method for name, method in self.methods.items() if name in with_rows}
+        return replace(
+            self,
+            dataset=other.dataset,
+            parts=parts | other.parts,
+            methods=kept | other.methods,
+            maps=self.maps | other.maps,
+        )
+
+
+def dataset_parts(dataset: Dataset) -> dict[str, str]:
+    """Return hashes of the parts of a dataset that a study depends on; scans and clouds are too large for one."""
+    described = {name: value for name, value in asdict(dataset).items() if name not in ("path", "priors")}
+    inside = dataset.folder.resolve()
+    words = json.dumps(described, default=lambda path: str(path.resolve()).removeprefix(str(inside)), sort_keys=True)
+    files = {"reference": dataset.reference, **{f"prior {name}": path for name, path in dataset.priors.items()}}
+    try:
+        checksums = {name: sha256_of_file(path) for name, path in files.items()}
+    except OSError as error:
+        raise FileError(
+            f"Expected to be able to read {error.filename}, got: {error.strerror}. Check it and its permissions."
+        ) from error
+    return {MAP_AND_SCANS: hashlib.sha256(words.encode()).hexdigest(), **checksums}
+
+
+def check_parts(mine: Mapping[str, str], theirs: Mapping[str, str]) -> None:
+    """Refuse a dataset whose parts are not those of a study; other priors may come."""
+    for name in mine.keys() & theirs.keys():
+        if mine[name] != theirs[name]:
+            raise OptionError(
+                f"Expected the {name} of the dataset to be as before in this study, but it has changed."
+                " Name another folder for a new study."
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,16 +183,11 @@ class Study:
 
 
 class StudyTask(NamedTuple):
-    """Some epochs of one prior, and the names of the methods that are to answer them."""
+    """An epoch from one prior, and the names of the methods that are to answer it: a row each."""
 
     prior: str
-    epochs: tuple[int, ...]
+    epoch: int
     methods: tuple[str, ...]
-
-    @property
-    def n_rows(self) -> int:
-        """How many rows it makes."""
-        return len(self.epochs) * len(self.methods)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,19 +218,18 @@ class StudyJob:
         )
 
         def answer(task: StudyTask) -> list[Row]:
-            methods = [known[name] for name in task.methods]
-            return [row for epoch in task.epochs for row in bench.evaluate(task.prior, epoch, methods)]
+            return bench.evaluate(task.prior, task.epoch, [known[name] for name in task.methods])
 
         return answer
 
     def split(self, task: StudyTask) -> Sequence[StudyTask]:
         """Return a task for each row."""
-        return [StudyTask(task.prior, (epoch,), (method,)) for epoch in task.epochs for method in task.methods]
+        return [StudyTask(task.prior, task.epoch, (method,)) for method in task.methods]
 
     def lost(self, task: StudyTask, reason: str) -> list[Row]:
         """Return the rows of a task whose worker ended before it was done, with the reason."""
-        bench, methods = self.bench(), [method for method in self.methods if method.name in task.methods]
-        return [row for epoch in task.epochs for row in bench.failed(task.prior, epoch, methods, reason)]
+        methods = [method for method in self.methods if method.name in task.methods]
+        return self.bench().failed(task.prior, task.epoch, methods, reason)
 
 
 def run_study(
@@ -151,14 +277,19 @@ def run_study(
         maps = make_maps(dataset, root / "maps", [method.map_name for method in methods], progress)
         job = StudyJob(dataset, maps, options, tuple(methods))
         job.bench().check_times(names, numbers)  # what concerns all epochs is raised here, not in a worker
-        tasks = _missing(methods, names, numbers, done)
+        lacking = {
+            (prior, number): tuple(one.name for one in methods if (prior, one.name, number) not in done)
+            for prior in names
+            for number in numbers
+        }
+        tasks = [StudyTask(*place, missing) for place, missing in lacking.items() if missing]
         run = Run(methods=[method.name for method in methods], priors=names, n_epochs=len(numbers))
         run["n_workers"] = engine.n_local(len(tasks))
         if tasks:
             configuration = replace(configuration, runs=[*configuration.runs, run])
         configuration.write(root)
         if tasks:
-            started, n_done, n_total = time.perf_counter(), 0, sum(task.n_rows for task in tasks)
+            started, n_done, n_total = time.perf_counter(), 0, sum(len(task.methods) for task in tasks)
             report("localizing", 0, n_total)
             for _, rows in engine.run(job, tasks, len(tasks)):
                 table.add(rows)
@@ -193,22 +324,3 @@ def _checked(dataset: Dataset, methods: Sequence[StudyMethod], priors: Sequence[
         if method.needs_small_gicp:
             check_small_gicp()
     return names
-
-
-def _missing(
-    methods: Sequence[StudyMethod], priors: Iterable[str], numbers: Sequence[int], done: set[Key]
-) -> list[StudyTask]:
-    """Return what is still to do, a few epochs at a time that lack the same methods."""
-    tasks: list[StudyTask] = []
-    for prior in priors:
-        for number in numbers:
-            lacking = tuple(method.name for method in methods if (prior, method.name, number) not in done)
-            if not lacking:
-                continue
-            last = tasks[-1] if tasks else None
-            is_alike = last is not None and (last.prior, last.methods) == (prior, lacking)
-            if last and is_alike and last.n_rows + len(lacking) <= ROWS_PER_TASK:
-                tasks[-1] = StudyTask(prior, (*last.epochs, number), lacking)
-            else:
-                tasks.append(StudyTask(prior, (number,), lacking))
-    return tasks
