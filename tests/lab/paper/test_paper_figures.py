@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from maxcon.lab.paper.overview import draw_matches, draw_space, highest_of_blocks, overview_words, plot_overview
 
 import maxcon
 from drawn_figures import SPACE, parts, words, yard
 from maxcon.lab.paper.distinctness import MEASURES, bin_percents, plot_distinctness, plot_kurtosis_map, spaced_epochs
-from maxcon.lab.paper.overview import draw_matches, draw_space, highest_of_blocks, overview_words, plot_overview
-from maxcon.lab.paper.search_spaces import best_from, draw_section, draw_view, section_words, view_words
+from maxcon.lab.paper.search_spaces import best_from, draw_view, view_words
 from maxcon.plotting.epoch import Scene
 from maxcon.plotting.score_panel import SearchSpaceView
 
@@ -28,34 +28,6 @@ def panel():
 
 def view(objective=None):
     return SearchSpaceView(parts()["accumulator"], objective or maxcon.Helmert())
-
-
-def counted(matches, n_headings=3):
-    """A view by count on a search space of 12 x 12 cells of 0.5 m, with matches at a few cells."""
-    space = maxcon.SearchSpace(3.0, 0.5, 0.25 * (n_headings - 1), 0.5)
-    moments = np.zeros((*space.shape, 4))
-    for cell, number in matches.items():
-        moments[cell][0] = number
-    return SearchSpaceView(maxcon.Accumulator(moments, space, PRIOR), maxcon.Count())
-
-
-# Figure 2: one epoch, heading by heading.
-
-
-def test_best_cell_lies_in_the_middle_of_its_panel(panel):
-    from matplotlib.colors import Normalize
-
-    # 0.5 m north and 1 m west of the prior
-    image = draw_section(panel, counted({(1, 7, 4): 9.0}), 1, Normalize(0.0, 9.0))
-    assert panel.get_xlim() == (-1.0, 1.0) and panel.get_ylim() == (-1.0, 1.0)
-    # The whole space: 3.25 m to the west and south of the prior, 2.75 m to the east and north.
-    assert image.get_extent() == [-2.25, 3.75, -3.75, 2.25]
-    assert (panel.get_title("left"), panel.get_title("right")) == ("0° (best)", "9")
-
-
-@pytest.mark.parametrize(("n_headings", "n_drawn", "words"), [(3, 3, "All 3 headings, ±1 m"), (61, 9, "9 of 61 head")])
-def test_sections_say_what_is_drawn(n_headings, n_drawn, words):
-    assert words in section_words(counted({(1, 6, 6): 9.0}, n_headings), n_drawn)
 
 
 # Figure 4: objectives side by side.

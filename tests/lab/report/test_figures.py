@@ -15,8 +15,7 @@ from drawn_figures import HOSTILE, BelowZero, assert_all_fits, parts, png_size, 
 from maxcon.errors import OptionError
 from maxcon.lab.evaluation import RiskCoverage
 from maxcon.lab.paper.distinctness import MEASURES, plot_distinctness, plot_kurtosis_map
-from maxcon.lab.paper.overview import plot_overview
-from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison, plot_headings
+from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison, plot_overview
 from maxcon.lab.report.certainty_plots import SigmaPanel, plot_risk_coverage, plot_sigmas, plot_stanford
 from maxcon.lab.report.prior_error import plot_prior_error
 from maxcon.lab.report.study_statistics import percents_within, plot_error_distributions, plot_success, round_width
@@ -88,9 +87,6 @@ FIGURES = {
     "epoch": lambda path: maxcon.plot_epoch(path, **parts(), title=HOSTILE, reference=yard().reference),
     "poses": lambda path: maxcon.plot_poses(path, trajectory(), yard().point_map, prior=trajectory(2), title=HOSTILE),
     "drive": lambda path: maxcon.plot_drive(path, PLACES, ERRORS, point_map=yard().point_map, title=HOSTILE),
-    "headings": lambda path: plot_headings(
-        path, parts()["accumulator"], maxcon.Count(), title=HOSTILE, reference=yard().reference
-    ),
     "comparison": lambda path: plot_comparison(path, comparison_rows(), title=HOSTILE),
     "overview": lambda path: plot_overview(path, **parts(), others=others(-2.0), title=HOSTILE),
     "distinctness": lambda path: plot_distinctness(path, {HOSTILE: measures(), "other": measures()}, title=HOSTILE),
@@ -193,18 +189,6 @@ def test_nothing_is_cut_off_in_figures_of_certainty(n_epochs, tmp_path, drawn):
     plot_risk_coverage(tmp_path / "risk.png", dict.fromkeys(names, found))
     for figure in drawn:
         assert_all_fits(figure, panels_apart=False)
-
-
-@pytest.mark.parametrize("n_headings", [1, 7, 61])
-def test_nothing_is_cut_off_in_headings(n_headings, tmp_path, drawn):
-    space = maxcon.SearchSpace(0.3, 0.06, 0.25 * (n_headings - 1), 0.5)
-    accumulator = yard().accumulate(space)
-    accumulator = replace(accumulator, moments=accumulator.moments * 1e6)
-    plot_headings(
-        tmp_path / "a.png", accumulator, maxcon.Count(), title="Epoch 1234: every heading", reference=yard().reference
-    )
-    maxcon.plot_epoch(tmp_path / "epoch.png", **yard().conclude(space), title="T", reference=yard().reference)
-    assert_all_fits(drawn[0])
 
 
 @pytest.mark.parametrize("n_shown", [2, 3])

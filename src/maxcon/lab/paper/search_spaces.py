@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Search spaces in colours: heading by heading (the paper's figure 2), objectives side by side (figure 4)."""
+"""Search spaces in colours: on the map along the drive (the paper's figure 3), objectives side by side (figure 4)."""
 
 import math
 import os
@@ -9,120 +9,160 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from maxcon.estimate import Estimate
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.lab.charts import offset_words, scale_words
 from maxcon.map import PointMap
-from maxcon.plotting.epoch import half_width_of, is_off_the_ground
+from maxcon.plotting.epoch import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points, half_width_of, is_off_the_ground
 from maxcon.plotting.figure import MUTED, SERIES, add_axes, saved_figure
 from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_patch
-from maxcon.plotting.score_panel import (
-    COLORS,
-    SearchSpaceView,
-    cell_marks,
-    chosen_headings,
-    draw_color_bar,
-    draw_frame,
-    draw_scores,
-    ground_of,
-    put_mark,
-    score_words,
-    title_of,
-    turn_words,
-    unit_of,
-)  # fmt: skip
+from maxcon.plotting.score_panel import COLORS, SearchSpaceView, cell_marks, draw_scores, ground_of, put_mark, title_of
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
-from maxcon.search.objectives import Objective
+from maxcon.search.objectives import Objective, Scores
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
-    from matplotlib.image import AxesImage
+    from matplotlib.lines import Line2D
 
-OUTSIDE = "#d9d9d9"
-# One epoch, heading by heading (figure 2). Inches: a panel, and the room around all of them.
-PANEL, GAP, ROW_GAP, LEFT, RIGHT, BOTTOM, TOP = 2.43, 0.2, 0.4, 0.85, 1.05, 0.65, 1.35
-N_COLUMNS = 3
-# From the best cell to the edge of a panel, m.
-SECTION = 1.0
+# --- one epoch from above, with search spaces along the drive (figure 3) --------------------------------------
+
+# More squares along a search space would be finer than the picture's pixels.
+MOST_BLOCKS = 50
+# Exponent of the colour scale: in squares this small, all but the peak would be dark on a linear one.
+COLOR_POWER = 0.5
+# Inches: the side of the map from above, and what stands around it.
+SIDE, LEFT, RIGHT, BOTTOM, TOP = 8.2, 0.8, 0.2, 1.95, 1.05
+# Colour and line width of the frame of a search space: of this epoch, and of others.
+FRAMES = (("black", 2.6), (MUTED, 0.8))
+# Half width of the picture over the reach of a search space: it shows 75 m for the paper's space of 6 m.
+WINDOW_REACHES = 12.5
 
 
-def plot_headings(
-    path: str | os.PathLike[str], accumulator: Accumulator, objective: Objective, *, title: str, reference: Pose
+def plot_overview(
+    path: str | os.PathLike[str],
+    *,
+    point_map: PointMap,
+    scan: Scan,
+    estimate: Estimate,
+    accumulator: Accumulator,
+    objective: Objective,
+    others: Sequence[tuple[Accumulator, Estimate]] = (),
+    title: str,
 ) -> None:
-    """Draw the square of 2 m around the best cell, one panel per heading, in one scale of colours.
+    """Draw one epoch from above, with its search space and those of other epochs on the ground.
 
     path: a .png or .svg to write.
-    reference: the pose held for true, local frame; marked in the heading nearest to it, if it lies in the square.
+    scan: sensor frame; drawn at the prior, without level ground.
+    estimate: the answer; the consensus set is drawn at its pose.
+    accumulator: the moments of every cell of this epoch.
+    others: other epochs of the drive, in the picture and clear of each other.
 
-    At most 9 headings are drawn: the best, and others in even steps. Above each stand its turn from the
-    prior's heading and the highest score in the square; what lies outside the search space is grey.
+    Each search space is drawn at the heading of its best cell, in colours from 0 (the lowest score, if
+    negative) to its own highest; they follow the root of the score, which shows rays of a few tenths of the peak.
+    Cells too small for the picture are drawn as blocks, each with its highest score: no peak is lost.
     """
-    view = SearchSpaceView(accumulator, objective)
-    headings = chosen_headings(view.space.shape[0], view.best[0])
-    n_rows = math.ceil(len(headings) / N_COLUMNS)
-    width = LEFT + N_COLUMNS * (PANEL + GAP) + RIGHT
-    height = BOTTOM + n_rows * (PANEL + ROW_GAP) - ROW_GAP + TOP
-    with saved_figure(path, width, height, title, section_words(view, len(headings))) as figure:
-        from matplotlib.colors import Normalize
-
-        norm = Normalize(*view.limits)
-        for number, heading in enumerate(headings):
-            row, column = divmod(number, N_COLUMNS)
-            left, bottom = LEFT + column * (PANEL + GAP), BOTTOM + (n_rows - 1 - row) * (PANEL + ROW_GAP)
-            axes = add_axes(figure, left, bottom, PANEL, PANEL)
-            image = draw_section(axes, view, heading, norm)
-            if heading == view.heading_nearest(reference, headings):
-                (x, y), (best_x, best_y) = view.offset(reference), view.best_offset
-                if max(abs(x - best_x), abs(y - best_y)) <= SECTION:
-                    put_mark(axes, cell_marks()[1], x - best_x, y - best_y)
-            axes.tick_params(labelleft=column == 0, labelbottom=number + N_COLUMNS >= len(headings))
-        figure.text(0.5, 0.2 / height, "x from the best cell [m]", ha="center", fontsize=10.5)
-        middle = (BOTTOM + 0.5 * (height - BOTTOM - TOP)) / height
-        figure.text(0.2 / width, middle, "y from the best cell [m]", va="center", rotation=90, fontsize=10.5)
-        bar = add_axes(figure, width - RIGHT + 0.05, BOTTOM, 0.15, height - BOTTOM - TOP)
-        draw_color_bar(figure, image, bar, "vertical")
-        bar.set_title(unit_of(view.objective), fontsize=9, loc="left", color=MUTED, parse_math=False)
-        corner = (1.0, 1.0 - 0.1 / height)
-        figure.legend(handles=cell_marks()[1:], loc="upper right", bbox_to_anchor=corner, handletextpad=1.0)
+    scene = Scene(scan, point_map, accumulator.prior, accumulator.space, estimate)
+    window = Window.around(accumulator.prior.x, accumulator.prior.y, WINDOW_REACHES * accumulator.space.reach)
+    epochs = [(accumulator, estimate), *others]
+    views = [SearchSpaceView(searched, objective) for searched, _ in epochs]
+    are_localized = [found.is_localized for _, found in epochs]
+    words = overview_words(estimate, objective, accumulator)
+    with saved_figure(path, LEFT + SIDE + RIGHT, BOTTOM + SIDE + TOP, title, words) as figure:
+        axes = add_axes(figure, LEFT, BOTTOM, SIDE, SIDE)
+        draw_map(axes, point_map, window)
+        handles = [map_patch(), *draw_matches(axes, scene)]
+        for number, (view, is_localized) in enumerate(zip(views, are_localized, strict=True)):
+            draw_space(axes, view, is_localized, is_this=number == 0)
+        draw_scale_bar(axes, window)
+        _draw_overview_legend(figure, handles, views, are_localized)
 
 
-def highest_in_section(view: SearchSpaceView, heading: int) -> float:
-    """Return the highest score of a heading among cells at most `SECTION` from the best, in x and in y."""
-    _, iy, ix = view.best
-    n_cells = math.floor(SECTION / view.space.cell_edge + 1e-6)
-    rows, columns = (slice(max(0, index - n_cells), index + n_cells + 1) for index in (iy, ix))
-    return float(np.max(view.scores[heading, rows, columns]))
+def draw_matches(axes: "Axes", scene: Scene) -> list["Artist"]:
+    """Draw the scan at the prior and, if anything matched, the consensus set at the answer."""
+    is_matched = scene.is_matched
+    sets = [("scan at the prior", PRIOR_COLOR, scene.prior.apply(scene.scan.points[scene.is_drawn]), 1.3)]
+    if scene.has_answer:
+        points = scene.estimate.pose.apply(scene.scan.points[is_matched])
+        sets.append((f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points, 2.0))
+    return draw_points(axes, sets)
 
 
-def draw_section(axes: "Axes", view: SearchSpaceView, heading: int, norm: "Normalize") -> "AxesImage":
-    """Draw the cells around the best one, and write turn and highest score above."""
-    x, y = view.best_offset
-    axes.set(xlim=(-SECTION, SECTION), ylim=(-SECTION, SECTION), facecolor=OUTSIDE)
-    image = draw_scores(axes, view.scores[heading], ground_of(view.space, -x, -y), norm)
-    is_best = view.has_best_at(heading)
-    weight = "bold" if is_best else "normal"
-    turn = turn_words(view.space, heading) + (" (best)" if is_best else "")
-    axes.set_title(turn, loc="left", fontweight=weight, pad=5)
-    axes.set_title(score_words(highest_in_section(view, heading)), loc="right", fontweight=weight, pad=5)
-    draw_frame(axes, is_best=is_best)
-    ticks = [-0.5 * SECTION, 0.0, 0.5 * SECTION]
-    axes.set(xticks=ticks, yticks=ticks)
-    return image
+def draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this: bool) -> None:
+    """Draw the scores of the best heading on the ground, in a frame, with a mark at the best cell."""
+    from matplotlib.colors import PowerNorm
+    from matplotlib.patches import Rectangle
+
+    prior, space = view.accumulator.prior, view.space
+    west, _, south, _ = ground_of(space, prior.x, prior.y)
+    edge = math.ceil(space.shape[2] / MOST_BLOCKS)
+    blocks = highest_of_blocks(view.scores[view.best[0]], edge)
+    ny, nx = (n * edge * space.cell_edge for n in blocks.shape)
+    covered = Window(west, west + nx, south, south + ny)
+    draw_scores(axes, blocks, covered, PowerNorm(COLOR_POWER, *view.limits), zorder=5.0)
+    color, line_width = FRAMES[0 if is_this else 1]
+    axes.add_patch(Rectangle((west, south), nx, ny, fill=False, ec=color, lw=line_width, zorder=5.5))
+    if view.has_best:
+        x, y = view.best_offset
+        put_mark(axes, _mark(is_localized), prior.x + x, prior.y + y)
 
 
-def section_words(view: SearchSpaceView, n_drawn: int) -> str:
-    """Return the subtitle, in two lines: what the panels show."""
-    n_headings = view.space.shape[0]
-    which = "All" if n_drawn == n_headings else f"{n_drawn} of"
+def _mark(is_localized: bool) -> "Line2D":
+    """Return the mark of a best cell: a ring, or a cross where the answer may not be used."""
+    mark = cell_marks()[0]
+    mark.set(markersize=8, markeredgewidth=1.3, zorder=6)
+    if not is_localized:
+        mark.set(marker="x", label="best cell, not localized")
+    return mark
+
+
+def _draw_overview_legend(
+    figure: "Figure", handles: list["Artist"], views: Sequence[SearchSpaceView], are_localized: Sequence[bool]
+) -> None:
+    """Draw the colour scale of the search spaces, and below it what else there is."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import PowerNorm
+    from matplotlib.patches import Patch
+
+    width, height = figure.get_size_inches()
+    scale = ScalarMappable(PowerNorm(COLOR_POWER, 0.0, 1.0), cmap=COLORS)
+    bar = add_axes(figure, LEFT, 1.2, 2.6, 0.15)
+    figure.colorbar(scale, cax=bar, orientation="horizontal", ticks=[0.0, 0.1, 0.25, 0.5, 1.0], format="%g")
+    words = f"{scale_words(views)} (root scale)"
+    figure.text((LEFT + 2.75) / width, 1.27 / height, words, fontsize=10, va="center")
+    names = ["search space of this epoch", "search spaces of other epochs"][: len(views)]
+    for name, (color, line_width) in zip(names, FRAMES, strict=False):
+        handles.append(Patch(fill=False, ec=color, lw=line_width, label=name))
+    marked = {good for view, good in zip(views, are_localized, strict=True) if view.has_best}
+    handles += [_mark(is_localized) for is_localized in sorted(marked, reverse=True)]
+    corner = ((LEFT - 0.1) / width, 0.93 / height)
+    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=corner, ncols=3, columnspacing=1.4)
+
+
+def overview_words(estimate: Estimate, objective: Objective, accumulator: Accumulator) -> str:
+    """Return the subtitle: what the squares are, and whether this epoch is localized."""
+    edge = 2.0 * accumulator.space.reach
+    headline = "localized" if estimate.is_localized else f"NOT LOCALIZED: {estimate.status.value}"
     return (
-        f"{title_of(view.objective)}. {which} {n_headings} headings, ±{SECTION:g} m around the best cell.\n"
-        "Above each: turn from the prior's heading, and the highest score shown. Grey: not searched."
+        f"Each square on the ground: every position tried for one epoch, {edge:g} m × {edge:g} m, at the best"
+        f" heading;\ncolours: {title_of(objective)}. This epoch is {headline}."
+        " Its scan is drawn without level ground."
     )
 
 
-# Several epochs, objectives side by side (figure 4). Largest half width of the ground around the reference, m.
+def highest_of_blocks(scores: Scores, edge: int) -> Scores:
+    """Return the highest score of each square block of `edge` cells, shape (ceil(ny / edge), ceil(nx / edge))."""
+    rows, columns = (np.arange(0, length, edge) for length in scores.shape)
+    blocks: Scores = np.maximum.reduceat(np.maximum.reduceat(scores, rows, axis=0), columns, axis=1)
+    return blocks
+
+
+# --- several epochs, objectives side by side (figure 4) ------------------------------------------------------
+
+OUTSIDE = "#d9d9d9"
+# Largest half width of the ground around the reference, m.
 MOST_HALF_WIDTH = 35.0
 SCAN_COLOR = SERIES[2]
 # Inches: the panels, and what stands around them.
@@ -171,7 +211,7 @@ def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow],
                 axes.set_title(view_words(view, row.reference), loc="left", pad=12, parse_math=False)
                 axes.set_xlabel("x from the reference [m]")
                 axes.set_ylabel("y from the reference [m]" if column == 0 else "")
-        _draw_legend(figure, scale_words(view for row in rows for view in row.views))
+        _draw_comparison_legend(figure, scale_words(view for row in rows for view in row.views))
 
 
 def _draw_ground(axes: "Axes", row: ComparisonRow) -> None:
@@ -218,7 +258,7 @@ def view_words(view: SearchSpaceView, reference: Pose) -> str:
     return f"{name}\n(x = {offset_words(x)}, y = {offset_words(y)}), turn {offset_words(math.degrees(turn))}°"
 
 
-def _draw_legend(figure: "Figure", words: str) -> None:
+def _draw_comparison_legend(figure: "Figure", words: str) -> None:
     """Draw the colour scale that all search spaces share, and the marks."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.lines import Line2D

@@ -17,8 +17,7 @@ from maxcon.geometry import Pose
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.paper.claims import HELMERT
 from maxcon.lab.paper.distinctness import spaced_epochs
-from maxcon.lab.paper.overview import WINDOW_REACHES, plot_overview
-from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison, plot_headings
+from maxcon.lab.paper.search_spaces import WINDOW_REACHES, ComparisonRow, plot_comparison, plot_overview
 from maxcon.lab.report import Picture
 from maxcon.lab.report.study_statistics import common_epochs
 from maxcon.lab.study import MethodRows, Study, known_methods
@@ -27,6 +26,7 @@ from maxcon.lab.study.methods import STANDARD
 from maxcon.lab.study.run import check_parts, dataset_parts
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
+from maxcon.plotting import plot_epoch
 from maxcon.plotting.score_panel import SearchSpaceView
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
@@ -120,15 +120,17 @@ class StudyScenes:
         )
 
     def headings(self, path: Path, epoch: int) -> Picture:
-        """Draw all headings of an epoch around its best cell (the paper's figure 2)."""
-        _, accumulator, _ = self.search(epoch)
-        reference = self.poses(epoch)[1]
-        plot_headings(path, accumulator, Helmert(), reference=reference, title=f"Epoch {epoch}: every heading, ±1 m")
+        """Draw all headings of an epoch, and its scene (the paper's figure 2)."""
+        scan, accumulator, estimate = self.search(epoch)
+        plot_epoch(
+            path, accumulator=accumulator, objective=Helmert(), estimate=estimate, scan=scan, point_map=self.point_map,
+            title=f"Epoch {epoch}: every heading", reference=self.poses(epoch)[1],
+        )  # fmt: skip
         return Picture(
             "All headings",
-            "Helmert's score within 1 m of the best cell, a panel for each heading, in one scale of colours: the peak"
-            " vanishes as the heading turns away.",
-            "Panels of the search space, one for each heading.",
+            "Left: Helmert's score of every position, a panel for each heading, in one scale of colours: the peak"
+            " vanishes as the heading turns away. Right: the scan at the prior and at the answer.",
+            "Panels of the search space, one for each heading, and a street seen from above.",
             path,
         )
 
