@@ -131,6 +131,8 @@ CAMPAIGN_GRID = StreetGrid(
     margin=60.0,
 )
 """Dense blocks and narrow streets; centre lines and building lines lie at multiples of 3 m."""
+LANE = 0.9
+"""Distance of the circuit to the right of the centre line, m."""
 CAMPAIGN_CORNERS = (
     (0, 0), (3, 0), (3, 1), (4, 1), (4, 3), (2, 3), (2, 4), (1, 4), (1, 2), (0, 2),
 )  # fmt: skip
@@ -145,31 +147,22 @@ START = 42.0
 """How far behind its first corner a circuit begins, m."""
 
 
-def circuit_through(
-    corners: Sequence[tuple[int, int]] = CAMPAIGN_CORNERS,
-    grid: StreetGrid = CAMPAIGN_GRID,
-    street_angle: float = STREET_ANGLE,
-    lane: float = 0.9,
-) -> Circuit:
-    """Return the circuit that turns at `corners`, driven in the right lane.
-
-    corners: indices into `grid.u_lines` and `grid.v_lines`; successive corners share one of the two.
-    street_angle: direction of the main street, rad.
-    lane: distance of the circuit to the right of the centre line, m.
-    """
-    places = np.array([[grid.u_lines[i], grid.v_lines[j]] for i, j in corners])
+def circuit_through(street_angle: float = STREET_ANGLE) -> Circuit:
+    """Return the circuit of the campaign, driven in the right lane, with its main street in this direction, rad."""
+    grid = CAMPAIGN_GRID
+    places = np.array([[grid.u_lines[i], grid.v_lines[j]] for i, j in CAMPAIGN_CORNERS])
     ways = np.roll(places, -1, axis=0) - places
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     ways_before = np.roll(ways, 1, axis=0)
     to_right = np.array([[0.0, -1.0], [1.0, 0.0]])
-    vertices = places + lane * (ways @ to_right + ways_before @ to_right)
+    vertices = places + LANE * (ways @ to_right + ways_before @ to_right)
     arcs = [_arc(*of_corner) for of_corner in zip(vertices, ways_before, ways, strict=True)]
     points = _eased(_evenly(np.concatenate([*arcs, arcs[0][:1]])))
     first = np.argmin(np.linalg.norm(points - (vertices[0] + START * ways[0]), axis=1))
     points = np.roll(points[:-1], -first, axis=0)
     points = np.concatenate([points, points[:1]])
     turns = np.array([_nearest(points, arc[[0, -1]]) for arc in arcs])
-    crossings = np.sort(_nearest(points, _straight_over(corners, grid)))
+    crossings = np.sort(_nearest(points, _straight_over(CAMPAIGN_CORNERS, grid)))
     return Circuit(in_city(points, street_angle), turns[np.argsort(turns[:, 0])], crossings)
 
 
