@@ -6,12 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from maxcon.lab.paper.overview import draw_matches, draw_space, highest_of_blocks, overview_words, plot_overview
 
 import maxcon
 from drawn_figures import SPACE, parts, words, yard
 from maxcon.lab.paper.distinctness import MEASURES, bin_percents, plot_distinctness, plot_kurtosis_map, spaced_epochs
-from maxcon.lab.paper.search_spaces import best_from, draw_view, view_words
+from maxcon.lab.paper.search_spaces import (
+    best_from,
+    draw_matches,
+    draw_space,
+    draw_view,
+    highest_of_blocks,
+    overview_words,
+    plot_overview,
+    view_words,
+)
 from maxcon.plotting.epoch import Scene
 from maxcon.plotting.score_panel import SearchSpaceView
 
