@@ -124,7 +124,7 @@ class DemoPictures:
     def why(self) -> Picture:
         """Draw the epoch that the count puts farthest off, and say what came out, whatever it is."""
         position = worst_of_the_count(self.results)
-        row = self._row("where the map is denser in one place", self.results[0].epochs[position])
+        row = self._row("uneven map", self.results[0].epochs[position])
         path = self.folder / "why.png"
         plot_comparison(path, [row], title="Why Helmert's point error, and a voxel once")
         off = {result.method.slug: result.distances[position] for result in self.results}
