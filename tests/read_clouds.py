@@ -23,3 +23,14 @@ def read_cloud(path, max_points=1_000_000, bounds=None):
         parts = [getattr(chunk, name) for chunk in chunks]
         arrays[name] = None if parts[0] is None else np.concatenate(parts)
     return SimpleNamespace(header=header, chunks=chunks, sizes=[len(chunk.points) for chunk in chunks], **arrays)
+
+
+def assert_all_there(cloud, normals, classes, times):
+    """Check that a cloud of POINTS was read in chunks of three, with everything that goes with them."""
+    header = cloud.header
+    assert (header.crs, header.has_normals, header.has_classes, header.has_times) == (None, True, True, True)
+    assert cloud.sizes == [3, 3, 1]
+    wanted = {"points": POINTS, "normals": normals, "classes": classes, "times": times}
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(getattr(cloud, name), values)
+        assert getattr(cloud, name).dtype == (np.uint8 if name == "classes" else np.float64)

@@ -233,18 +233,6 @@ def test_geotiff_keys_and_the_record_of_liblas(tmp_path):
         assert pyproj.CRS.from_wkt(header_of(tmp_path / name).crs).to_epsg() == code
 
 
-def test_equal_points_that_unpack_hugely_are_refused(tmp_path, monkeypatch):
-    from maxcon.io.clouds import base
-
-    monkeypatch.setattr(base, "SMALL_BYTES", 10_000)
-    header = laspy.LasHeader(point_format=0, version="1.2")
-    las = laspy.LasData(header)
-    las.x = las.y = las.z = np.zeros(1_000_000)
-    las.write(tmp_path / "a.laz")
-    with pytest.raises(FileError, match=r"unpack to \d+ times their size, not at most 300"):
-        open_cloud(tmp_path / "a.laz")
-
-
 def read_again(path, n_points):
     with open_cloud(path) as reader:
         assert sum(len(chunk.points) for chunk in reader.chunks()) == n_points

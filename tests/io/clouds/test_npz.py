@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as st_np
 
 from maxcon.errors import FileError
 from maxcon.io.clouds import open_cloud
-from read_clouds import POINTS, read_cloud
+from read_clouds import POINTS, assert_all_there, read_cloud
 
 
 def saved(folder, save=np.savez, **arrays):
@@ -36,17 +36,7 @@ def test_everything_reads_back_in_chunks(tmp_path, save):
     classes, times = np.arange(7, dtype=np.int64), 1.7e9 + np.arange(7) * 0.1
     normals = POINTS.astype(">f4")
     cloud = read_cloud(saved(tmp_path, save, points=POINTS, normals=normals, classes=classes, times=times, x=[1]), 3)
-    header = cloud.header
-    assert (header.crs, header.has_normals, header.has_classes, header.has_times) == (None, True, True, True)
-    assert cloud.sizes == [3, 3, 1]
-    for got, wanted in (
-        (cloud.points, POINTS),
-        (cloud.normals, normals),
-        (cloud.classes, classes),
-        (cloud.times, times),
-    ):
-        np.testing.assert_array_equal(got, wanted)
-    assert (cloud.classes.dtype, cloud.normals.dtype) == (np.uint8, np.float64)
+    assert_all_there(cloud, normals, classes, times)
 
 
 @given(

@@ -11,14 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon.errors import FileError
-from read_clouds import POINTS, read_cloud
+from maxcon.io.clouds.ply import ORDERS, TYPES
+from read_clouds import POINTS, assert_all_there, read_cloud
 
-ENCODINGS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-TYPES = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
-    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
-    "float32": "f4", "float64": "f8",
-}  # fmt: skip
+ENCODINGS = ORDERS | {"ascii": "="}
 
 
 def ply(encoding, properties, columns, before="", after="", body_before=b"", body_after=b"", end="\n"):
@@ -61,17 +57,7 @@ def test_everything_reads_back_in_chunks(tmp_path, encoding, end):
     classes, times = np.array([0, 2, 255, 6, 5, 1, 2]), 1.7e9 + np.arange(7) * 0.1
     columns = [np.arange(7), normals[:, 2], normals[:, 0], normals[:, 1], classes, *POINTS.T[[1, 0, 2]], times]
     cloud = read_bytes(tmp_path, ply(encoding, properties, columns, end=end), 3)
-    header = cloud.header
-    assert (header.crs, header.has_normals, header.has_classes, header.has_times) == (None, True, True, True)
-    assert cloud.sizes == [3, 3, 1]
-    for got, wanted in (
-        (cloud.points, POINTS),
-        (cloud.normals, normals),
-        (cloud.classes, classes),
-        (cloud.times, times),
-    ):
-        np.testing.assert_array_equal(got, wanted)
-    assert (cloud.points.dtype, cloud.normals.dtype, cloud.classes.dtype) == (np.float64, np.float64, np.uint8)
+    assert_all_there(cloud, normals, classes, times)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

@@ -167,32 +167,29 @@ def test_topics_are_found_or_asked_for(recorded, tmp_path):
     assert len(open_scans(tmp_path / "two.bag", topic="/rear")) == 1
 
 
-def test_what_is_no_recording(tmp_path):
-    with pytest.raises(FileError, match="no such file"):
-        open_scans(tmp_path / "drive.bag")
-    (tmp_path / "drive.mcap").mkdir()
-    with pytest.raises(FileError):
-        open_scans(tmp_path / "drive.mcap")
+def test_what_is_no_recording_and_what_lies_beside_scans(tmp_path):
+    (tmp_path / "folder.mcap").mkdir()
     (tmp_path / "empty.bag").touch()
-    with pytest.raises(FileError, match="seems to be empty"):
-        open_scans(tmp_path / "empty.bag")
-    with pytest.raises(OptionError, match="asked of a recording"):
-        open_scans(tmp_path, topic="/points")
-    for name in ("long" * 100 + ".bag", "long" * 100, "nul\0.mcap"):
-        with pytest.raises(FileError):
-            open_scans(tmp_path / name)
     os.mkfifo(tmp_path / "pipe.mcap")
-    with pytest.raises(FileError, match="which is no file"):
-        open_scans(tmp_path / "pipe.mcap")
-
-
-def test_a_recording_beside_scans_is_not_taken_for_them(tmp_path):
-    record_drive(tmp_path / "drive.mcap", MadeScans(2))
-    assert len(open_scans(tmp_path)) == 2  # a bag whose metadata.yaml is missing
-    np.ones((5, 4), "<f4").tofile(tmp_path / "1.5.bin")
-    assert open_scans(tmp_path).times.tolist() == [1.5]
-    (tmp_path / "metadata.yaml").touch()
-    assert open_scans(tmp_path).times.tolist() == [1.5]
+    for name, words in (
+        ("drive.bag", "no such file"),
+        ("folder.mcap", "folder"),
+        ("empty.bag", "seems to be empty"),
+        ("pipe.mcap", "which is no file"),
+        *((name, "Expected") for name in ("long" * 100 + ".bag", "long" * 100, "nul\0.mcap")),
+    ):
+        with pytest.raises(FileError, match=words):
+            open_scans(tmp_path / name)
+    with pytest.raises(OptionError, match="asked of a recording"):
+        open_scans(tmp_path / "folder.mcap", topic="/points")
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    record_drive(bag / "drive.mcap", MadeScans(2))
+    assert len(open_scans(bag)) == 2  # a bag whose metadata.yaml is missing
+    np.ones((5, 4), "<f4").tofile(bag / "1.5.bin")
+    assert open_scans(bag).times.tolist() == [1.5]
+    (bag / "metadata.yaml").touch()
+    assert open_scans(bag).times.tolist() == [1.5]
 
 
 def test_two_clouds_of_one_time_are_one_scan_and_names_cannot_break_a_line(tmp_path):
