@@ -31,38 +31,35 @@ POSES = [
 ]
 
 
+def rows_of_a_drive():
+    """Cells of three epochs, the second of which is not localized."""
+    for number, pose in enumerate(POSES):
+        row = {"time": 10.0 + number, "ms": 5.0, "status": "ambiguous", "reason": "two, alike"}
+        if pose is not None:
+            row |= {name: getattr(pose, name) for name in ("x", "y", "z", "roll", "pitch", "heading")}
+            row |= {name: 0.0001 if name[4:5] == name[-1:] else 0.0 for name in COVARIANCES}
+            row |= {"status": "localized", "score": 12.5, "cov_heading_heading": 1e-06}
+            row |= {"protection_along": 0.05, "reason": ""}
+        yield row
+
+
 @pytest.fixture
 def table(tmp_path):
-    """POSES.csv of three epochs, the second of which is not localized."""
+    """POSES.csv of the drive."""
     path = tmp_path / "poses.csv"
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, restval="")
         writer.writeheader()
-        for number, pose in enumerate(POSES):
-            row = {"time": f"{10 + number:.9f}", "ms": "5.00", "status": "ambiguous", "reason": "two, alike"}
-            if pose is not None:
-                names = ("x", "y", "z", "roll", "pitch", "heading")
-                row |= {name: f"{getattr(pose, name):.9f}" for name in names}
-                row |= {name: "0.0001" if name[4:5] == name[-1:] else "0" for name in COVARIANCES}
-                row |= {"status": "localized", "score": "12.5", "cov_heading_heading": "1e-06"}
-                row |= {"protection_along": "0.05", "reason": ""}
-            writer.writerow(row)
+        writer.writerows(rows_of_a_drive())
     return path
 
 
 @pytest.fixture
-def parquet(table, tmp_path):
+def parquet(tmp_path):
     """The same rows as the Parquet file of a drive."""
-    names = ("status", "reason")
-    with table.open(newline="") as file:
-        rows = [
-            {"epoch": number} | {
-                name: cell if name in names else float(cell) for name, cell in row.items() if cell or name in names
-            }
-            for number, row in enumerate(csv.DictReader(file))
-        ]  # fmt: skip
     path = tmp_path / "drive=monday" / "poses.parquet"
     path.parent.mkdir()
+    rows = [row | {"epoch": number} for number, row in enumerate(rows_of_a_drive())]
     pq.write_table(pyarrow.Table.from_pylist(rows, schema=poses_schema()), path)
     return path
 
@@ -277,7 +274,7 @@ def test_what_cannot_be_exported_is_said(table, tmp_path):
         ("time,x\n1,2", "2 other columns"),
         ("\n".join([lines[0], lines[1].replace("localized", "localized,")]), "line 2"),
         ("\n".join([lines[0], lines[1].replace("550000", "west")]), "line 2.*'west"),
-        ("\n".join([lines[0], lines[1].replace("550000.123400000", "")]), "line 2.*a part of a pose"),
+        ("\n".join([lines[0], lines[1].replace("550000.1234", "")]), "line 2.*a part of a pose"),
     ):
         table.write_text(content + "\n")
         with pytest.raises(FileError, match=words):

@@ -181,7 +181,8 @@ POSITIONS = """time,latitude,longitude,ellipsoidal_height,heading_deg,sigma_x,si
 102,52.0,9.7302,60.6,84.4,0.5,0.6
 """
 TEXTS = (
-    ("mounting", "mounting", "mounting.toml", MOUNTING),
+    ("scanners", "mounting", "mounting.toml", MOUNTING),
+    ("mounting", "mounting", "mounting.toml", MOUNTING.replace("scanner.front", "sensor").partition("topic")[0]),
     ("dataset.toml", "dataset", "dataset.toml", DATASET),
     ("study.json", "study", "study.json", json.dumps(CONFIGURATION, indent=1)),
     ("latitudes", "positions", "gnss.csv", POSITIONS),

@@ -41,17 +41,14 @@ def test_positions_alone(tmp_path):
     assert "course over ground" in prior.words and "gnss.csv" in prior.words
 
 
-@pytest.mark.parametrize(
-    ("names", "kind"),
-    [
+def test_heights_by_their_name(tmp_path):
+    for names, kind in (
         ("ellipsoidal_height,ignored", Heights.ELLIPSOIDAL),
         ("height,ignored", Heights.ELLIPSOIDAL),
         ("orthometric_height,height", Heights.ORTHOMETRIC),
-    ],
-)
-def test_heights_by_their_name(tmp_path, names, kind):
-    fixes = read_geographic_csv(_write(tmp_path, f"time,latitude,longitude,{names}", "1,52,13,60,20")).fixes
-    assert fixes.heights is kind and fixes.places[0, 2] == 60.0
+    ):
+        fixes = read_geographic_csv(_write(tmp_path, f"time,latitude,longitude,{names}", "1,52,13,60,20")).fixes
+        assert fixes.heights is kind and fixes.places[0, 2] == 60.0
 
 
 @pytest.mark.parametrize(

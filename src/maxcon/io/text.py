@@ -29,6 +29,11 @@ MAX_LINES = 250_000
 
 SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
+ANGLES = ("roll", "pitch", "heading", "azimuth", "sigma_heading")
+"""In rad, or in degrees as NAME_deg."""
+OTHER_NAMES = {"time": "timestamp"}
+UNCLEAR_HEADINGS = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")
+"""Headings of other programs: some count from the north, or clockwise."""
 
 
 def printable(text: str) -> str:
@@ -93,8 +98,6 @@ def pass_over_rows(text: TextIO, n_rows: int) -> None:
 
 def table_of(lines: Sequence[str], n_columns: int, separator: str | None = None) -> NDArray[np.float64]:
     """Return rows of numbers, shape (n, n_columns); ValueError if a row has others, or another count of them."""
-    if not lines:
-        return np.empty((0, n_columns))
     values = np.loadtxt(lines, dtype=np.float64, comments=None, delimiter=separator, ndmin=2)
     if values.shape[1] != n_columns:
         raise ValueError(f"{values.shape[1]} numbers in a row, not {n_columns}")
@@ -120,13 +123,6 @@ def in_natural_order(paths: list[Path]) -> list[Path]:
         return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
 
     return sorted(paths, key=key)
-
-
-ANGLES = ("roll", "pitch", "heading", "azimuth", "sigma_heading")
-"""In rad, or in degrees as NAME_deg."""
-OTHER_NAMES = {"time": "timestamp"}
-UNCLEAR_HEADINGS = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")
-"""Headings of other programs: some count from the north, or clockwise."""
 
 
 @dataclass(slots=True, eq=False)
