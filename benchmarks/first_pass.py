@@ -21,12 +21,13 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 from drives import NamedDataset, points_of, prior_and_reference
+from levels import parse_level
 from scene import header
 
 from maxcon import MaximumConsensus, Scan
 from maxcon.errors import MaxconError
 from maxcon.lab.study.methods import STANDARD
-from maxcon.lab.study.prior_trials import parse_level, space_of
+from maxcon.lab.study.prior_trials import space_of
 
 
 def ms_of(method, points, point_map, prior):

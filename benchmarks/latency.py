@@ -27,6 +27,7 @@ from unittest import mock
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from drives import NamedDataset, points_of, prior_and_reference
+from levels import parse_level
 from scene import header
 
 from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, localizer
@@ -35,7 +36,7 @@ from maxcon.errors import MaxconError
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.evaluation import pose_error
 from maxcon.lab.study.methods import STANDARD, StudyMethod
-from maxcon.lab.study.prior_trials import COUNT_THEN_GICP, MAXCON, methods_at, parse_level, space_of
+from maxcon.lab.study.prior_trials import COUNT_THEN_GICP, MAXCON, methods_at, space_of
 from maxcon.lab.study.run import spread_epochs
 from maxcon.scan import scan as scan_module
 

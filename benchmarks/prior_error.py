@@ -19,6 +19,7 @@ from pathlib import Path
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from drives import DOCS, NamedDataset
+from levels import LEVELS, parse_level
 from scene import header
 
 import maxcon
@@ -27,15 +28,7 @@ from maxcon._system.resumable import describe
 from maxcon.errors import MaxconError, OptionError
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.report.prior_error import plot_prior_error
-from maxcon.lab.study.prior_trials import (
-    LEVELS,
-    methods_at,
-    parse_level,
-    read_trials,
-    summarize_trials,
-    try_epoch,
-    write_trials,
-)
+from maxcon.lab.study.prior_trials import methods_at, read_trials, summarize_trials, try_epoch, write_trials
 from maxcon.lab.study.run import spread_epochs
 
 

@@ -235,10 +235,10 @@ def study(
 
 def _cell_of(map_path: Path | None) -> float:
     """Voxel edge of a built map; that of the standard map where it is still to be built."""
-    from maxcon.lab.study.methods import MAP_VARIANTS, STANDARD
+    from maxcon.lab.study.methods import CELL
     from maxcon.map.manifest import read_manifest
 
-    return MAP_VARIANTS[STANDARD].cell if map_path is None else read_manifest(map_path).cell
+    return CELL if map_path is None else read_manifest(map_path).cell
 
 
 _NO_ANSWER = ("unreadable scan", "failed", "no prior", "no points", "no match", "outside the map")

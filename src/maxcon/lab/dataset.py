@@ -119,7 +119,7 @@ class Dataset:
         return open_scans(self.scans, self.times)
 
     def map_options(self, *, cell: float = 0.06, keep_every: int = 1, keeps_ground: bool = False) -> "MapOptions":
-        """Return the options to build the map from the clouds: see `MapVariant`; the ground may stay for a baseline."""
+        """Return the options to build the map: voxel edge, m; one of so many points; whether the ground stays."""
         from maxcon.mapping.build.options import DEFAULT_DROP, MapOptions, parse_classes
 
         drop, ground = self.drop, parse_classes(["ground"])

@@ -166,14 +166,9 @@ MOST_EPOCHS = 8
 
 @dataclass(frozen=True, slots=True)
 class WideResult:
-    """All trials with wide priors, epoch by epoch; those of GICP only where small_gicp is installed."""
+    """Results from wide priors, by level and method; those of GICP only where small_gicp is installed."""
 
-    trials: tuple[PriorTrial, ...]
-
-    @property
-    def summaries(self) -> list[TrialSummary]:
-        """By level and method."""
-        return summarize_trials(self.trials)
+    summaries: list[TrialSummary]
 
     @property
     def widest(self) -> list[TrialSummary]:
@@ -233,4 +228,4 @@ def try_wide_priors(drive: DemoDrive, folder: Path, *, seed: int, progress: Prog
             trials += try_epoch(bench, epoch, level, methods, seed)
         progress("localizing from wide priors", done, len(epochs))
     write_trials(folder / TABLE, trials)
-    return WideResult(tuple(trials))
+    return WideResult(summarize_trials(trials))

@@ -16,11 +16,9 @@ from maxcon.lab.study.methods import MAP_VARIANTS
 from maxcon.lab.study.prior_trials import (
     COUNT_THEN_GICP,
     GICP_FROM_MANY,
-    LEVELS,
     MAXCON,
     PriorTrial,
     methods_at,
-    parse_level,
     prior_at,
     prior_level,
     read_trials,
@@ -96,6 +94,7 @@ def test_a_folder_of_other_trials_is_refused(benchmark_module, tmp_path):
         benchmark_module.check_same(tmp_path, benchmark_module.settings_of([level("1:1")], 1))
 
 
+NEAR = prior_level(3.0, 2.0)
 REFERENCE = Pose(100.0, -50.0, 2.0, 0.01, -0.02, 1.0)
 
 
@@ -110,26 +109,27 @@ def test_priors_are_within_their_level_and_only_in_x_y_and_heading():
 
 
 def test_a_prior_depends_on_nothing_but_seed_epoch_and_level():
-    first = prior_at(REFERENCE, LEVELS[1], 0, 7)
-    prior_at(REFERENCE, LEVELS[2], 0, 3)
-    assert prior_at(REFERENCE, LEVELS[1], 0, 7) == first
+    first = prior_at(REFERENCE, NEAR, 0, 7)
+    prior_at(REFERENCE, prior_level(6.0, 5.0), 0, 3)
+    assert prior_at(REFERENCE, NEAR, 0, 7) == first
     others = [
-        prior_at(REFERENCE, LEVELS[1], 1, 7),
-        prior_at(REFERENCE, LEVELS[1], 0, 8),
+        prior_at(REFERENCE, NEAR, 1, 7),
+        prior_at(REFERENCE, NEAR, 0, 8),
         prior_at(REFERENCE, prior_level(3.0, 2.5), 0, 7),
     ]
     assert len({first, *others}) == 4
 
 
-def test_levels_are_written_as_metres_and_degrees():
+def test_levels_are_written_as_metres_and_degrees(benchmark_module):
+    parse_level = benchmark_module.parse_level
     assert parse_level("1.5:0.5") == prior_level(1.5, 0.5)
     assert parse_level("60:180") == prior_level(60.0, 180.0)
 
 
 @pytest.mark.parametrize("word", ["12", "a:b", "0:1", "1:0", "-3:2", "nan:1", "inf:1", "1:181", "1:2:3"])
-def test_other_words_are_refused(word):
+def test_other_words_are_refused(benchmark_module, word):
     with pytest.raises(OptionError, match="METRES:DEGREES"):
-        parse_level(word)
+        benchmark_module.parse_level(word)
 
 
 def test_methods_are_told_the_level():

@@ -20,7 +20,7 @@ from maxcon.lab.study import (
     rows_by_method,
     statistics,
 )
-from maxcon.lab.study.methods import MAP_VARIANTS
+from maxcon.lab.study.methods import CELL, MAP_VARIANTS
 from maxcon.lab.study.table import table_schema
 from maxcon.search.objectives import Count
 from maxcon.search.space import SearchSpace
@@ -30,7 +30,7 @@ def test_every_set_is_of_known_methods_in_the_cells_of_their_maps():
     known = known_methods(SearchSpace.paper())
     assert {name for names in METHOD_SETS.values() for name in names} <= set(known)
     for method in known.values():
-        space, cell = getattr(method.method, "space", None), MAP_VARIANTS[method.map_name].cell
+        space, cell = getattr(method.method, "space", None), MAP_VARIANTS[method.map_name].get("cell", CELL)
         if space is not None and not space.is_open:
             assert space.cell == cell
             assert 3.0 <= space.half_width < 3.0 + cell

@@ -3,7 +3,6 @@
 """Houses, sheds and fences of the suburb."""
 
 import math
-from enum import Enum, auto
 from itertools import pairwise
 
 import numpy as np
@@ -23,32 +22,26 @@ Window = tuple[float, float, float, float]
 """Left, right, lower and upper border of a window or door, m."""
 
 
-class Cladding(Enum):
-    """What a wall is made of, and so how its surface departs from a plane, by centimetres."""
-
-    PLASTER = auto()
-    BRICK = auto()
-    BOARDS = auto()
-
-    def depths(self, n_columns: int, n_rows: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw the depths of the cells of a wall behind its plane, shape (n_columns, n_rows), m."""
-        if self is Cladding.BOARDS:
-            rows = 0.012 * (-1.0) ** np.arange(n_rows) + 0.008 * rng.standard_normal(n_rows)
-            return np.asarray(rows + 0.003 * rng.standard_normal((n_columns, n_rows)))
-        deviation = 0.006 if self is Cladding.PLASTER else 0.015
-        return deviation * rng.standard_normal((n_columns, n_rows))
+CLADDINGS = ("plaster", "brick", "boards")
+"""What a wall is made of, and so how its surface departs from a plane, by centimetres."""
 
 
-def _rough_wall(
-    length: float, height: float, windows: list[Window], cladding: Cladding, rng: np.random.Generator
-) -> Patch:
+def _depths(cladding: str, n_columns: int, n_rows: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Draw the depths of the cells of a wall behind its plane, shape (n_columns, n_rows), m."""
+    if cladding == "boards":
+        rows = 0.012 * (-1.0) ** np.arange(n_rows) + 0.008 * rng.standard_normal(n_rows)
+        return np.asarray(rows + 0.003 * rng.standard_normal((n_columns, n_rows)))
+    return (0.006 if cladding == "plaster" else 0.015) * rng.standard_normal((n_columns, n_rows))
+
+
+def _rough_wall(length: float, height: float, windows: list[Window], cladding: str, rng: np.random.Generator) -> Patch:
     """Return a wall along x, from `FOOT` up to `height` (m).
 
     Windows lie behind it, half of their cells at random depths, as of curtains and furniture; sills stand out.
     """
     x_edges = _edges(0.0, length, [x for window in windows for x in window[:2]])
     z_edges = np.concatenate([[FOOT], _edges(0.0, height, [z for window in windows for z in window[2:]])])
-    depths = cladding.depths(len(x_edges) - 1, len(z_edges) - 1, rng)
+    depths = _depths(cladding, len(x_edges) - 1, len(z_edges) - 1, rng)
     x, z = 0.5 * (x_edges[1:] + x_edges[:-1]), 0.5 * (z_edges[1:] + z_edges[:-1])
     lows, highs = [], []
     for left, right, low, high in windows:
@@ -67,7 +60,7 @@ def draw_house(rng: np.random.Generator, day: np.random.Generator) -> tuple[Patc
     """Return a house, its width along the front and its depth, m; only ivy depends on the `day`."""
     width, depth = rng.uniform(8.0, 12.5), rng.uniform(7.0, 10.0)
     height = STOREY * (1 if rng.random() < 0.6 else 2) + rng.uniform(0.1, 0.6)
-    cladding = list(Cladding)[rng.integers(3)]
+    cladding = CLADDINGS[rng.integers(3)]
     gable_in_front = bool(rng.random() < 0.4)
     parts = [
         _around(width, depth, height, cladding, rng, n_storeys=int(height / STOREY)),
@@ -101,7 +94,7 @@ def draw_shed(rng: np.random.Generator, *, is_garage: bool) -> Patch:
     """Return a garage, or a smaller shed of boards, with its door in front."""
     width, depth = (rng.uniform(2.8, 3.4), rng.uniform(5.2, 6.5)) if is_garage else rng.uniform(1.8, 3.0, 2)
     height = rng.uniform(2.3, 2.7)
-    cladding = list(Cladding)[rng.integers(3)] if is_garage else Cladding.BOARDS
+    cladding = CLADDINGS[rng.integers(3)] if is_garage else "boards"
     door = (0.3, width - 0.3, 0.0, 2.1) if is_garage else (0.4, 1.2, 0.0, 1.9)
     walls = _around(width, depth, height, cladding, rng, n_storeys=0, door=door)
     roof = boxes([[-0.2, -depth - 0.2, height]], [[width + 0.2, 0.2, height + 0.15]], LasClass.BUILDING)
@@ -119,7 +112,7 @@ def _around(
     width: float,
     depth: float,
     height: float,
-    cladding: Cladding,
+    cladding: str,
     rng: np.random.Generator,
     *,
     n_storeys: int,

@@ -4,7 +4,7 @@
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,25 +22,18 @@ from maxcon.search.space import SearchSpace
 STANDARD = "standard"
 
 
-@dataclass(frozen=True, slots=True)
-class MapVariant:
-    """How a map of a dataset differs from the standard one: voxel edge, m; one of so many points; with ground."""
-
-    cell: float = 0.06
-    keep_every: int = 1
-    keeps_ground: bool = False
-
-
-MAP_VARIANTS: dict[str, MapVariant] = {
-    STANDARD: MapVariant(),
-    "cell-0.03": MapVariant(cell=0.03),
-    "cell-0.12": MapVariant(cell=0.12),
-    "cell-0.20": MapVariant(cell=0.20),
-    "density-1/4": MapVariant(keep_every=4),
-    "density-1/16": MapVariant(keep_every=16),
-    "ground": MapVariant(keeps_ground=True),
+CELL = 0.06
+"""Voxel edge of the standard map, m."""
+MAP_VARIANTS: dict[str, dict[str, Any]] = {
+    STANDARD: {},
+    "cell-0.03": {"cell": 0.03},
+    "cell-0.12": {"cell": 0.12},
+    "cell-0.20": {"cell": 0.20},
+    "density-1/4": {"keep_every": 4},
+    "density-1/16": {"keep_every": 16},
+    "ground": {"keeps_ground": True},
 }
-"""By name; the names are those in the table of a study."""
+"""How maps differ from the standard one (`Dataset.map_options`), by their names in the table of a study."""
 
 
 def make_maps(
@@ -62,7 +55,7 @@ def make_maps(
         path = paths[name] = dataset.map_path or folder / f"{name.replace('/', '-')}.map"
         if not path.exists():
             make_folder(folder)
-            options = dataset.map_options(**asdict(MAP_VARIANTS[name]))
+            options = dataset.map_options(**{"cell": CELL} | MAP_VARIANTS[name])
             build_map(dataset.map_clouds, path, options, progress=progress and partial(_report_of_map, progress, name))
     return paths
 
@@ -197,7 +190,7 @@ def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
         best_cell("helmert-points-thinned", multiplicity="points"),
         best_cell("count-occupied-whole-scan", objective=Count(), thinning=0.0),
         *(
-            best_cell(f"helmert-{name}", name, _in_cells_of(space, MAP_VARIANTS[name].cell))
+            best_cell(f"helmert-{name}", name, _in_cells_of(space, MAP_VARIANTS[name]["cell"]))
             for name in ("cell-0.03", "cell-0.12", "cell-0.20")
         ),
         best_cell("helmert-ground", "ground"),

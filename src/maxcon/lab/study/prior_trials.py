@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from maxcon._system.atomic import atomic_file
-from maxcon.errors import FileError, OptionError
+from maxcon.errors import FileError
 from maxcon.geometry import Pose
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart
 from maxcon.lab.evaluation import Quantiles, pose_error
@@ -31,26 +31,6 @@ MAXCON, COUNT_THEN_GICP, GICP_FROM_MANY = "maxcon", "count 1 m, then GICP", "GIC
 def prior_level(offset: float, heading_deg: float) -> PriorErrors:
     """Return the level of priors wrong by up to `offset` (m) in x and in y and `heading_deg` (degrees), and no more."""
     return PriorErrors(offset, heading_deg, z=0.0, tilt_deg=0.0)
-
-
-LEVELS = tuple(
-    prior_level(*level) for level in ((1.0, 1.0), (3.0, 2.0), (6.0, 5.0), (12.0, 10.0), (18.0, 15.0), (25.0, 20.0))
-)
-"""From a good satellite fix to one between high houses, and a heading that was kept by dead reckoning."""
-
-
-def parse_level(word: str) -> PriorErrors:
-    """Return the level of a word such as 12:10, metres and degrees."""
-    try:
-        offset, heading_deg = (float(number) for number in word.split(":"))
-    except ValueError:
-        offset, heading_deg = math.nan, math.nan
-    if not (0.0 < offset < math.inf and 0.0 < heading_deg <= 180.0):
-        raise OptionError(
-            f"Expected a level as METRES:DEGREES, both above 0, of at most 180 degrees, got {word!r}."
-            " Write 12:10 for 12 m and 10 degrees."
-        )
-    return prior_level(offset, heading_deg)
 
 
 def prior_at(reference: Pose, level: PriorErrors, seed: int, epoch: int) -> Pose:

@@ -87,7 +87,7 @@ class Configuration:
                 for method in methods
             },
             {
-                name: {"path": str(dataset.map_path)} if dataset.map_path else describe(MAP_VARIANTS[name])
+                name: {"path": str(dataset.map_path)} if dataset.map_path else MAP_VARIANTS[name]
                 for name in dict.fromkeys(method.map_name for method in methods)
             },
         )
