@@ -138,17 +138,6 @@ def test_a_place_is_a_square_and_a_reach():
     assert Place.of_scan(np.empty((0, 3)), at(0.0, 0.0), 1.0, 0.0) == Place(0, 0, 20.0)
 
 
-@pytest.mark.parametrize(("x", "y"), [(0.1, 0.1), (19.9, 19.9), (7.0, 12.0)])
-def test_all_that_a_sensor_in_the_square_reaches_is_there(x, y):
-    place = Place.of_scan(np.array([[50.0, 0.0, 0.0]]), at(x, y), 1.0, 0.0)
-    points = np.random.default_rng(0).uniform(-120.0, 120.0, (20_000, 3))
-    is_reached = place.reaches(points)
-    distance = np.hypot(points[:, 0] - x, points[:, 1] - y)
-    assert is_reached[distance <= 56.0].all()
-    assert not is_reached[distance > place.reach + 20.0 * np.sqrt(2.0)].any()
-    assert (np.abs(points[is_reached, :2] - place.middle) <= place.half_width).all()
-
-
 def test_means_of_cubes_in_the_order_z_y_x():
     points = np.array([[0.9, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.1, 0.3, 0.0], [0.1, 0.1, 1.5], [0.3, 0.1, 0.2]])
     assert thin(points, 0.0) is points

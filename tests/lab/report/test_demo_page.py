@@ -120,13 +120,6 @@ def test_nothing_is_fetched_from_anywhere(written):
     assert "url(" not in text and "@import" not in text
 
 
-def test_page_is_ready_for_phones_and_for_those_who_cannot_see(written):
-    tags = Tags(written.read_text("utf-8"))
-    assert {"name": "viewport", "content": "width=device-width, initial-scale=1"} in tags.named("meta")
-    assert tags.named("html") == [{"lang": "en"}]
-    assert all(image["alt"] for image in tags.named("img"))
-
-
 def test_without_jinja2_the_extra_is_named(page, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jinja2", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[demo\]'"):

@@ -111,13 +111,6 @@ def test_map_clouds_are_las_1_4_with_class_time_and_crs_in_tiles(dataset):
     assert np.linalg.norm(points - origins, axis=1).max() < 60.2
 
 
-def test_the_map_of_a_campaign_is_the_union_of_its_rounds(campaign_dataset):
-    _, classes, times = _map_points(campaign_dataset)
-    assert set(classes) == set(LasClass) - {LasClass.UNCLASSIFIED}
-    for between in (np.diff(np.sort(times)), np.diff(read_trajectory(campaign_dataset.map_trajectory).times)):
-        assert (between > 30.0).sum() == 1  # the pause between two rounds
-
-
 def test_the_map_of_a_suburb_has_classes_and_hedges_without_one(suburb_dataset):
     _, classes, _ = _map_points(suburb_dataset)
     counts = np.bincount(classes, minlength=66)

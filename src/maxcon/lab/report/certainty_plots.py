@@ -110,7 +110,7 @@ def _draw_sigmas(axes: "Axes", panel: SigmaPanel, errors: Floats, sigmas: Floats
 
 def _draw_fractions(axes: "Axes", ratios: Floats) -> None:
     """Draw the fraction of errors within k sigmas over k, and what it should be; `ratios` of errors to sigmas."""
-    limits = np.linspace(0.0, FARTHEST, 161)
+    limits = np.linspace(0.0, FARTHEST, 81)
     n_within = np.searchsorted(np.sort(ratios), limits, side="right")
     ends = np.array([clopper_pearson(int(n), len(ratios)) for n in n_within])
     axes.fill_between(limits, *(100.0 * ends.T), color=SERIES[0], alpha=0.2, lw=0.0, zorder=1)

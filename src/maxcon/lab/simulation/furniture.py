@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,10 +86,10 @@ def grid_faces(grid: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def boxes(lows: ArrayLike, highs: ArrayLike, las_class: LasClass) -> Patch:
     """Boxes parallel to the axes from their lowest and highest corners, shape (n, 3) each, m."""
-    pairs = zip(np.reshape(lows, (-1, 3)).tolist(), np.reshape(highs, (-1, 3)).tolist(), strict=True)
-    return join(
-        [prism([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], z0, z1, las_class) for (x0, y0, z0), (x1, y1, z1) in pairs]
-    )
+    (x0, y0, z0), (x1, y1, z1) = (np.reshape(np.asarray(ends, np.float64), (-1, 3)).T for ends in (lows, highs))
+    outline = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    corners = np.array([(x, y, z) for z in (z0, z1) for x, y in outline])
+    return triangles(corners.transpose(2, 0, 1)[:, _triangles_of_solid(4)], las_class)
 
 
 def prism(outline: ArrayLike, bottom: float, top: float, las_class: LasClass) -> Patch:
@@ -107,12 +108,15 @@ def extruded(profile: ArrayLike, half_width: float, las_class: LasClass) -> Patc
 
 def _between(first: NDArray[np.float64], second: NDArray[np.float64], las_class: LasClass) -> Patch:
     """Solid between two convex outlines with equally many corners, shape (k, 3) each, m."""
-    sides = np.stack([first, np.roll(first, -1, axis=0), np.roll(second, -1, axis=0), second], axis=1)
-    fans = [
-        np.stack([np.broadcast_to(face[0], (len(face) - 2, 3)), face[1:-1], face[2:]], axis=1)
-        for face in (first, second)
-    ]
-    return join([quads(sides, las_class), triangles(np.concatenate(fans), las_class)])
+    return triangles(np.concatenate([first, second])[_triangles_of_solid(len(first))], las_class)
+
+
+@cache
+def _triangles_of_solid(k: int) -> NDArray[np.int64]:
+    """Corners of the triangles, (t, 3), of a solid between two outlines of k corners each: its sides, then its ends."""
+    sides = [((i, j, k + j), (i, k + j, k + i)) for i, j in zip(range(k), [*range(1, k), 0], strict=True)]
+    ends = [(face, face + i, face + i + 1) for face in (0, k) for i in range(1, k - 1)]
+    return np.array([triangle for pair in sides for triangle in pair] + ends)
 
 
 LEAF = 0.16
