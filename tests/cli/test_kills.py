@@ -7,7 +7,6 @@ takes undisturbed; on a busy machine they fall where they fall, and what is aske
 kills ten times as often.
 """
 
-import csv
 import json
 import os
 import random
@@ -121,8 +120,9 @@ WRITERS = {
 def folder_of_kills(tmp_path_factory, drive, maxcon_in_process_of_its_own):
     """Poses and a study of the drive, made undisturbed; and two rounds to align."""
     folder = tmp_path_factory.mktemp("kills")
-    out = ("-o", folder / "small.study", "--methods", "helmert-occupied", "--epochs", "3", "--workers", "1")
-    for arguments in (localize(drive, folder / "poses.csv"), ("study", drive.dataset.folder, *out)):
+    poses = ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", folder / "poses.csv")
+    study = ("study", drive.dataset.folder, "-o", folder / "small.study", "--methods", "helmert-occupied")
+    for arguments in (poses, (*study, "--epochs", "3", "--workers", "1")):
         made = maxcon_in_process_of_its_own(*arguments)
         assert made.code == 0, made.err
     for number in range(2):
@@ -146,10 +146,6 @@ def _write_round(path, number):
     las.x, las.y, las.z = (points + header.offsets).T
     las.gps_time = 1000.0 * number + np.linspace(0.0, 8.0, len(points))
     las.write(path)
-
-
-def localize(drive, out):
-    return "localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", out
 
 
 @pytest.fixture
@@ -240,33 +236,6 @@ def test_a_killed_copy_to_a_bucket_leaves_no_map_there_and_is_gone_on_with(drive
 
 
 # --- commands that go on ----------------------------------------------------------------------------------
-
-
-def test_rows_of_a_killed_drive_stay_and_are_gone_on_with(drive, tmp_path, timed, killed):
-    out, rng = tmp_path / "poses.csv", random.Random("localize")
-    seconds = timed(*localize(drive, out))
-    whole = _complete_rows(out)
-    assert len(whole) == 4
-    for _ in range(SOME):
-        out.unlink()
-        resume, kept = (), []
-        for _ in range(2):
-            killed((*localize(drive, out), *resume), rng.uniform(0.5, 1.0) * seconds)
-            if out.exists():
-                rows = _complete_rows(out)
-                assert rows[: len(kept)] == kept  # nothing that was finished is lost
-                assert rows == whole[: len(rows)]
-                kept, resume = rows, ("--resume",)
-        timed(*localize(drive, out), *resume)
-        assert _complete_rows(out) == whole
-    assert [path.name for path in tmp_path.iterdir()] == ["poses.csv"]
-
-
-def _complete_rows(path):
-    """Rows that are complete, without milliseconds."""
-    text = path.read_text()
-    complete = text[: text.rfind("\n") + 1].splitlines()
-    return [{**row, "ms": ""} for row in csv.DictReader(complete)]
 
 
 def test_drives_that_are_done_stay_and_the_others_are_gone_on_with(drive, folder_of_kills, timed, killed):

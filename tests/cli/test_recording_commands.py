@@ -13,9 +13,8 @@ from maxcon.geometry import Pose
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.simulation.datasets import CRS
-from maxcon.lab.simulation.recordings import cloud_message
 from maxcon.scan.trajectory import Trajectory
-from recorded_drives import NAMES, record_drive, write_entries
+from recorded_drives import NAMES, record_drive
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -182,15 +181,3 @@ def test_two_scanners_in_one_epoch(localize, refused, drive, tmp_path):
     assert np.linalg.norm(poses[:, 1:3] - true[:, :2], axis=1).max() < 0.02
     for_one = ("--overwrite", "--turn-time", "0.1", "--deskew")
     refused(localize(*rig, *for_one, scans=tmp_path), "rig.toml, or --turn-time, got both")
-
-    # The same as two topics of one recording.
-    sides = {side: open_scans(tmp_path / side) for side in mounts}
-    clouds = (cloud_message(scans, i, f"/{side}/points") for i in range(len(whole)) for side, scans in sides.items())
-    write_entries(tmp_path / "two.mcap", clouds)
-    for side in mounts:
-        text = text.replace(f"scans = '{side}'", f"topic = '/{side}/points'")
-    (tmp_path / "topics.toml").write_text(text)
-    ended = localize("--mounting", tmp_path / "topics.toml", scans=tmp_path / "two.mcap", out="topics.csv")
-    assert (ended.code, ended.err) == (0, "")
-    assert "scans from /left/points" in ended.out and "scans of 2 scanners: left in 4 epochs" in ended.out
-    np.testing.assert_allclose(localized_poses(tmp_path / "topics.csv"), poses, atol=1e-4)

@@ -154,51 +154,43 @@ def _cell_variances(space: SearchSpace) -> NDArray[np.float64]:
 # --- candidates of a wide search ------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """A pose (local frame) where a scan fits, and Helmert's score there over that of the best one."""
-
-    pose: Pose
-    ratio: float
-
-    @property
-    def uncertain(self) -> UncertainPose:
-        """The pose with what is known of it before a scan is compared with the map there closely."""
-        sigmas = [PEAK_SIGMA, PEAK_SIGMA, HEIGHT_SIGMA, TILT_SIGMA, TILT_SIGMA, PEAK_HEADING_SIGMA]
-        return UncertainPose(self.pose, np.diag(np.square(sigmas)))
-
-
 def find_candidates(
     method: MaximumConsensus, space: SearchSpace, scan: Scan, point_map: PointMap, prior: Pose, ratio: float
-) -> list[Candidate]:
-    """Return the candidates in a space around a prior that score at least a ratio of the best one, the best first.
+) -> list[Hypothesis]:
+    """Return the places in a space around a prior that score at least a ratio of the best one, the best first.
 
-    They lie farther apart than the guard radius of the method, whose own space is not used. Where branch and bound
-    proves that no other place scores so much, that is all. Where it does not, every cell is scored; of a wide space the
-    places that it left open.
+    Each is a hypothesis whose evidence is that ratio. They lie farther apart than the guard radius of the method, whose
+    own space is not used. Where branch and bound proves that no other place scores so much, that is all. Where it does
+    not, every cell is scored; of a wide space the places that it left open.
     """
     asked = replace(method, space=space, trust=replace(method.trust, largest_runner_up=ratio), refinement=False)
     best = asked.localize(scan, point_map, prior)
     if best.status is Status.NO_MATCH:
         return []
     if best.runner_up <= ratio:
-        return [Candidate(best.pose, 1.0)]
+        return [_at_peak(best.pose, 1.0)]
     if asked.cell_search.is_coarse_to_fine(space, point_map):
         found = asked.cell_search.candidates(scan, point_map, prior.with_height_and_tilt_of(best.pose), space)
         worth = [float(Helmert().score(each.moments)) for each in found[:MOST_HYPOTHESES]]
         ratios = [score / max(worth) for score in worth] if max(worth, default=0.0) > 0.0 else []
-        return [Candidate(each.pose, own) for each, own in zip(found, ratios, strict=False) if own >= ratio]
+        return [_at_peak(each.pose, own) for each, own in zip(found, ratios, strict=False) if own >= ratio]
     accumulator = asked.accumulate(scan, point_map, prior)
     scores = np.array(accumulator.score(Helmert()), dtype=np.float64)
     rows, columns = np.meshgrid(*map(np.arange, accumulator.space.shape[1:]), indexing="ij")
-    candidates: list[Candidate] = []
+    candidates: list[Hypothesis] = []
     highest = float(scores.max())
     while len(candidates) < MOST_HYPOTHESES and highest > 0.0:
         heading, iy, ix = (int(index) for index in np.unravel_index(int(np.argmax(scores)), scores.shape))
         own = float(scores[heading, iy, ix]) / highest
         if own < ratio:
             break
-        candidates.append(Candidate(accumulator.space.pose((heading, iy, ix), accumulator.prior), own))
+        candidates.append(_at_peak(accumulator.space.pose((heading, iy, ix), accumulator.prior), own))
         is_near = np.hypot(rows - iy, columns - ix) * accumulator.space.cell_edge <= method.trust.guard_radius
         scores[:, is_near] = -1.0
     return candidates
+
+
+def _at_peak(pose: Pose, ratio: float) -> Hypothesis:
+    """A pose with what is known of it before a scan is compared with the map there closely."""
+    sigmas = [PEAK_SIGMA, PEAK_SIGMA, HEIGHT_SIGMA, TILT_SIGMA, TILT_SIGMA, PEAK_HEADING_SIGMA]
+    return Hypothesis(UncertainPose(pose, np.diag(np.square(sigmas))), evidence=ratio)

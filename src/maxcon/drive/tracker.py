@@ -163,7 +163,7 @@ class Tracker:
             if space.half_width <= FARTHEST_REACH:
                 pose = each.predicted(self.noise).pose
                 found = find_candidates(self.method, space, scan, point_map, pose, RATIO_AT_FIRST)
-                compared += self._inheriting(each, [Hypothesis(candidate.uncertain) for candidate in found])
+                compared += self._inheriting(each, found)
         return compared, any(is_wide)
 
     def _begun(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> list[Hypothesis]:
@@ -172,7 +172,7 @@ class Tracker:
             return []
         self._unchecked = 0.0
         found = find_candidates(self.method, self.method.space, scan, point_map, prior, RATIO_AT_FIRST)
-        return [Hypothesis(candidate.uncertain) for candidate in found]
+        return [replace(each, evidence=1.0) for each in found]
 
     def _inheriting(self, parent: Hypothesis, found: list[Hypothesis]) -> list[Hypothesis]:
         """Return new hypotheses with the evidence of the one they follow, where its prediction allows them."""
@@ -217,13 +217,13 @@ class Tracker:
         middle = here.pose if prior is None else prior
         found = find_candidates(self.method, self.method.space, scan, point_map, middle, ratio)
         # Scores are compared within this search: where its cells happen to lie changes them by a fifth and more.
-        near = [each.ratio for each in found if distance(each.uncertain, here) <= self._guard_radius]
+        near = [each.evidence for each in found if distance(each.anchor, here) <= self._guard_radius]
         own = max(near, default=ratio)
         is_open = math.isinf(self._unchecked) or self._outside > self.options.patience
         newcomers = []
         for each in found:
-            worth = 1.0 if is_open or each.ratio * ratio >= own else NEWCOMER
-            newcomers.append(Hypothesis(each.uncertain, evidence=worth * min(1.0, each.ratio / own)))
+            worth = 1.0 if is_open or each.evidence * ratio >= own else NEWCOMER
+            newcomers.append(replace(each, evidence=worth * min(1.0, each.evidence / own)))
         self._hypotheses = ranked([*self._hypotheses, *newcomers], self.noise, self._guard_radius)
         self._unchecked = 0.0
 
