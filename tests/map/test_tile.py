@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """The voxels of a tile are found by its occupancy, and in several tiles as in a dictionary; tiles are kept by use."""
 
-import copy
-import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -14,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon.map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, PointMap, VoxelTile
-from maxcon.map.lookup_kernels import find_in_patch, find_patch, is_near_voxels
-from maxcon.map.tile import TileCache, VoxelLookup, search_order
+from maxcon.map.lookup_kernels import find_in_patch, find_patch, is_near_voxels, n_bits, plane_of_voxel
+from maxcon.map.tile import TileCache, search_order, voxel_table
 
 SEEDS = st.integers(0, 2**32)
 
@@ -72,21 +70,6 @@ def test_full_patches_and_none():
     assert not nothing.held.any() and nothing.words.shape == (0, 4)
 
 
-def test_addresses_are_those_of_the_arrays_also_of_a_copy_and_of_pieces():
-    tile = tile_of(np.random.default_rng(0).integers(0, 100, (500, 3)))
-    counts, normals = np.arange(1000, dtype=np.int32)[::2], np.asfortranarray(tile.normals + np.float32(0.5))
-    in_pieces = replace(tile, counts=counts, normals=normals)
-    before = tile.addresses
-    for each in (tile, pickle.loads(pickle.dumps(tile)), copy.deepcopy(tile), in_pieces):
-        bits, addresses = each.occupancy, each.addresses
-        arrays = [bits.held, bits.numbers, bits.words, bits.firsts, each.normals, each.counts, each.means]
-        assert addresses.values.tolist() == [array.ctypes.data for array in addresses.kept]
-        for array, kept in zip(arrays, addresses.kept, strict=True):
-            np.testing.assert_array_equal(array, kept)
-            assert kept.flags.c_contiguous
-        assert (each is tile) == (addresses.values == before.values).all()
-
-
 @pytest.mark.parametrize("n", [0, 1, 500])
 @pytest.mark.parametrize("height", [1, 63, 64, 130])
 def test_the_size_is_known_before_anything_is_made(n, height):
@@ -140,33 +123,38 @@ def tiles_of(rng, n, spread):
 def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
     rng = np.random.default_rng(seed)
     tiles = tiles_of(rng, n, spread)
-    there = {
-        tuple(voxel): (row, k) for row, tile in enumerate(tiles, 1) for k, voxel in enumerate(tile.voxels.tolist())
-    }
-    lookup = VoxelLookup.of(tiles)
+    voxels = np.concatenate([np.empty((0, 3), int), *(tile.voxels for tile in tiles)])
+    there = {tuple(voxel): k for k, voxel in enumerate(voxels.tolist())}
+    table = voxel_table(tiles)
     near = [tuple(np.add(voxel, rng.integers(-1, 2, 3)).tolist()) for voxel in there]
     far = rng.integers(-3 * TILE_VOXELS, 3 * TILE_VOXELS, (50, 3)).tolist()
+    means = np.concatenate([np.empty((0, 3)), *(tile.mean_points(0.06) for tile in tiles)])
     for x, y, z in [*there, *near, *map(tuple, far)]:
-        row, patch = find_patch(x, y, z, lookup.rows, lookup.grid, lookup.corner)
-        is_held, number = find_in_patch(x, y, row, patch, lookup.rows) if row else (False, 0)
-        assert ((row, number) if is_held else (0, 0)) == there.get((x, y, z), (0, 0))
+        patch = find_patch(x, y, z, table)
+        number = find_in_patch(x, y, patch, table) if patch >= 0 else -1
+        assert number == there.get((x, y, z), -1)
+        if number >= 0:
+            np.testing.assert_allclose(plane_of_voxel(number, x, y, z, 0.06, table)[3:], means[number])
+
+
+@given(st.integers(0, 2**64 - 1))
+def test_bits_are_counted(word):
+    assert n_bits(np.uint64(word)) == word.bit_count()
 
 
 @given(SEEDS, st.sampled_from([1, 500]), st.sampled_from([0.3, 30.0]))
 def test_no_voxel_within_the_reaches_of_a_place_is_overlooked(seed, n, spread):
     rng = np.random.default_rng(seed)
     tiles = tiles_of(rng, n, spread)
-    lookup = VoxelLookup.of(tiles)
-    voxels = np.concatenate([tile.voxels for tile in tiles])
-    table = lookup.rows, lookup.grid, lookup.corner
+    table, voxels = voxel_table(tiles), np.concatenate([tile.voxels for tile in tiles])
     for _ in range(50):
         reaches = rng.uniform(0.0, 6.0, 3)
         place = voxels[rng.integers(len(voxels))] + 0.5 + rng.uniform(-12.0, 12.0, 3)
         low, high = np.floor(place - reaches), np.floor(place + reaches)
         if ((voxels >= low) & (voxels <= high)).all(axis=1).any():
-            assert is_near_voxels(tuple(place.tolist()), tuple(reaches.tolist()), *table)
+            assert is_near_voxels(tuple(place.tolist()), tuple(reaches.tolist()), table)
     far = voxels.max(axis=0) + 3.0 * TILE_VOXELS
-    assert not is_near_voxels(tuple(far.tolist()), (5.0, 5.0, 5.0), *table)
+    assert not is_near_voxels(tuple(far.tolist()), (5.0, 5.0, 5.0), table)
 
 
 # --- the cache ----------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from maxcon import PointMap, Pose, Scan
 from maxcon.geometry import wrap_angle
 from maxcon.lab.evaluation import pose_error
 from maxcon.refine import kernels, partner_kernels, refine
-from maxcon.refine.adjustment import _lookup
+from maxcon.refine.adjustment import REACH
 
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -150,10 +150,8 @@ def test_partners_are_those_of_a_plain_search(seed, along, around):
     seen = points[:100] + rng.normal(0.0, 0.05, (100, 3))
     facing = normals[:100].copy()
     planes = np.zeros((100, 4))
-    lookup = _lookup(seen, point_map, HERE)
-    partner_kernels.find_partners(
-        seen, facing, np.zeros(6), 1, cell, (along, around), 0.8, True, lookup.rows, lookup.grid, lookup.corner, planes
-    )
+    table = point_map.table_of(point_map.keys_around(seen[:, :2], REACH))
+    partner_kernels.find_partners(seen, facing, np.zeros(6), 1, cell, (along, around), 0.8, True, table, planes)
     for point, normal, plane in zip(seen, facing, planes, strict=True):
         wanted = plain_partner(point, normal, voxels, cell, along, around, 0.8)
         if wanted is None:

@@ -13,11 +13,11 @@ from searches import SEEDS, unit_vectors
 from maxcon import PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError
 from maxcon.geometry import voxel_indices
-from maxcon.map import PATCH_VOXELS, TILE_VOXELS
+from maxcon.map import TILE_VOXELS
 from maxcon.search import Multiplicity, Weighting, group_kernels
 from maxcon.search.accumulator import turn, upright
 from maxcon.search.group_kernels import SQUARE_VOXELS
-from maxcon.search.prepared_scan import PreparedScan, TileTable, _aligned_zeros
+from maxcon.search.prepared_scan import PreparedScan, _aligned_zeros
 
 CELL = 0.25
 TILE = TILE_VOXELS * CELL
@@ -198,18 +198,6 @@ def test_the_field_of_the_points_that_constrain(weighting):
         assert 300 < len(kept) < 450
     else:
         assert len(kept) == len(scan)
-
-
-def test_where_there_is_no_tile_no_patch_of_it_holds_anything():
-    table = TileTable.of({}, (2, 3), TILE_VOXELS, 5)
-    assert (table.grid.tolist(), table.rows.shape) == ([[0, 0, 0], [0, 0, 0]], (1, 8))
-    layers, nothing = table.kept
-    (at, n_held, *arrays) = table.rows[0].tolist()
-    assert (layers.shape, layers.dtype, layers.any()) == ((1, 5), np.int32, False)
-    assert at == layers.ctypes.data
-    assert nothing.size == n_held * (TILE_VOXELS // PATCH_VOXELS) ** 2  # a word of 64 layers for each patch
-    assert (nothing.dtype, nothing.any()) == (np.uint64, False)
-    assert arrays == [nothing.ctypes.data] * 6
 
 
 def test_a_scan_from_another_process_needs_no_other_code():

@@ -30,7 +30,7 @@ from maxcon.map.layout import (
     TileKey,
     check_sigma,
 )
-from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
+from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTable, VoxelTile, grid_of_rows, voxel_table
 from maxcon.map.voxelize import voxelize
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ class PointMap:
         self._ground: TileSource[GroundTile] = ground if ground is not None else TilesInMemory({})
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
         self._levels: dict[int, PointMap] = {}
+        self._table: tuple[dict[TileKey, int], VoxelTable] = {}, ()
         self._made_by: tuple[Callable[..., PointMap], tuple[Any, ...]] | None = None
         self._prefetch: Callable[[Iterable[TileKey]], None] | None = None
 
@@ -81,7 +82,7 @@ class PointMap:
         return super().__reduce_ex__(protocol) if self._made_by is None else self._made_by
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_levels": {}}
+        return {**self.__dict__, "_levels": {}, "_table": ({}, ())}
 
     @classmethod
     def from_points(
@@ -222,12 +223,26 @@ class PointMap:
             self._prefetch(keys)
         return [self._tiles.load(key) for key in keys]
 
+    def table_of(self, keys: Iterable[TileKey]) -> VoxelTable:
+        """`voxel_table` of some tiles.
+
+        The last one is kept, and cut to these tiles if it has them: the next epoch needs nearly the same. A new one
+        keeps the tiles of the last beside its own, if they are no more than these.
+        """
+        wanted, (rows, table) = set(keys), self._table
+        if not (table and wanted <= rows.keys()):
+            both = wanted.union(rows)
+            rows = {key: row for row, key in enumerate(sorted(both if len(both) <= 2 * len(wanted) else wanted), 1)}
+            table = voxel_table(self._load(list(rows)))
+            self._table = rows, table
+        return table[0], *grid_of_rows({key: rows[key] for key in wanted}), *table[3:]
+
     def tile(self, key: TileKey) -> VoxelTile:
         """Load one tile, a key of `tile_keys`."""
         return self._tiles.load(key)
 
-    def tiles_around(self, positions: NDArray[np.float64], margin: float) -> list[VoxelTile]:
-        """Tiles within `margin` (m), along x and y, of any of the positions, shape (n, 2), local frame, ordered by key.
+    def keys_around(self, positions: NDArray[np.float64], margin: float) -> list[TileKey]:
+        """Keys of the tiles within `margin` (m), along x and y, of any of the positions (n, 2), local frame, in order.
 
         The margin is at most half the edge of a tile: then a corner of the square around a position lies in each.
         """
@@ -243,7 +258,7 @@ class PointMap:
         for x, y in product((low[:, 0], high[:, 0]), (low[:, 1], high[:, 1])):
             is_met[x, y] = True
         is_met_key = is_met[tuple((self._sorted_keys - corner).T)]
-        return self._load([(x, y) for x, y in self._sorted_keys[is_met_key].tolist()])
+        return [(x, y) for x, y in self._sorted_keys[is_met_key].tolist()]
 
     def all_voxels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
         """Indices (m, 3), counts (m,) and normals (m, 3) of every voxel: for small maps and tests."""

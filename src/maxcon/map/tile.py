@@ -8,13 +8,13 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.kernel_cache import read_only_view
-from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, SurfaceClass, TileKey
+from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, WORD_BITS, SurfaceClass, TileKey
 
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 
@@ -54,31 +54,6 @@ class Occupancy:
     numbers: NDArray[np.int32]
     words: NDArray[np.uint64]
     firsts: NDArray[np.int32]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Addresses:
-    """Memory addresses of the arrays of a tile: one table of them hands tens of tiles to a compiled loop at once.
-
-    **An address is valid only as long as this object lives**, which keeps the arrays alive: a table of addresses must
-    keep the `Addresses` of all its tiles. A copy, also one in another process, has addresses of its own.
-
-    values: shape (7,), uint64; of the first items of: occupancy (held, numbers, words, firsts), normals, counts and
-        means.
-    kept: the arrays, each contiguous.
-    """
-
-    values: NDArray[np.uint64]
-    kept: tuple[NDArray[Any], ...]
-
-    @classmethod
-    def of(cls, *arrays: NDArray[Any]) -> "Addresses":
-        """Addresses of arrays, or of contiguous copies."""
-        kept = tuple(np.ascontiguousarray(array) for array in arrays)
-        return cls(np.array([array.ctypes.data for array in kept], np.uint64), kept)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Addresses.of, self.kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,14 +141,6 @@ class VoxelTile:
         return Occupancy(held.reshape(shape), numbers.reshape(shape), words, firsts)
 
     @cached_property
-    def addresses(self) -> Addresses:
-        """Where the arrays lie that single voxels are looked up in."""
-        occupancy = self.occupancy
-        normals, counts = (self.normals.astype(np.float32, copy=False), self.counts.astype(np.int32, copy=False))
-        bits = (occupancy.held, occupancy.numbers, occupancy.words, occupancy.firsts)
-        return Addresses.of(*bits, normals, counts, self.means)
-
-    @cached_property
     def layer_numbers(self) -> NDArray[np.int32]:
         """Number of each height layer from the lowest to the highest, -1 where there is none."""
         layers = self.index.layers
@@ -223,42 +190,53 @@ def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArr
     return np.lexsort((columns[:, 0], columns[:, 1], patches[:, 0], patches[:, 1], layers))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class VoxelLookup:
-    """Table of several tiles, so that one call of a kernel looks up points in all of them.
+VoxelTable: TypeAlias = tuple[NDArray[Any], ...]
 
-    rows: shape (n_tiles + 1, 11), uint64; for each tile: z index of its lowest height layer, as the bits of an int64;
-        how many layers there are up to the highest; the address of `layer_numbers`; how many words each column of
-        patches has; the tile's `Addresses`. The first row is for where there is no tile.
-    grid: shape (ny, nx), int32; rows of the tiles, by their keys.
-    corner: key (x, y) of the grid's first tile.
-    kept: the arrays at the addresses: they live as long as the lookup.
+
+def voxel_table(tiles: Sequence[VoxelTile]) -> VoxelTable:
+    """Return several tiles as one tuple of arrays, so that one call of a kernel looks up points in all of them.
+
+    rows: shape (n_tiles + 1, 5), int64; for each tile: z index of its lowest height layer; how many layers there are up
+        to the highest, and where their numbers begin in `layers`; how many words each column of patches has, and where
+        they begin in `held`. The first row is for where there is no tile.
+    grid: shape (ny, nx), int32; rows of the tiles, by their keys; corner: shape (2,), int64; key (x, y) of the first.
+    layers: int32; the `layer_numbers` of the tiles.
+    held, numbers, words, firsts: as in `Occupancy`, flat; patches and voxels are numbered through all tiles.
+    normals, counts, means: as in `VoxelTile`, of all voxels.
     """
+    rows = np.zeros((len(tiles) + 1, 5), np.int64)
+    nowhere = np.zeros(tiles[0].n_patches ** 2 if tiles else TILE_PATCHES**2, np.int32)
+    rows[0, 3] = 1
+    layers, held = [np.empty(0, np.int32)], [nowhere.astype(np.uint64)]
+    numbers, words, firsts = [nowhere], [np.empty(0, np.uint64)], [np.empty(0, np.int32)]
+    n_layers, n_held, n_patches, n_voxels = 0, len(nowhere), 0, 0
+    for row, tile in zip(rows[1:], tiles, strict=True):
+        occupancy, own_layers = tile.occupancy, tile.layer_numbers
+        row[:] = int(tile.index.layers[0]) if len(own_layers) else 0, len(own_layers), n_layers, 1, n_held
+        row[3] = occupancy.held.shape[2]
+        layers.append(own_layers)
+        held.append(occupancy.held.reshape(-1))
+        numbers.append(occupancy.numbers.reshape(-1) + np.int32(n_patches))
+        words.append(occupancy.words.reshape(-1))
+        firsts.append(occupancy.firsts.reshape(-1) + np.int32(n_voxels))
+        n_layers, n_held = n_layers + len(own_layers), n_held + occupancy.held.size
+        n_patches, n_voxels = n_patches + len(occupancy.words), n_voxels + len(tile)
+    normals = [np.empty((0, 3), np.float32), *(tile.normals for tile in tiles)]
+    counts = [np.empty(0, np.int32), *(tile.counts for tile in tiles)]
+    means = [np.empty((0, 3), np.uint8), *(tile.means for tile in tiles)]
+    columns = (layers, held, numbers, words, firsts, normals, counts, means)
+    grid = grid_of_rows({tile.key: row for row, tile in enumerate(tiles, 1)})
+    return rows, *grid, *(np.concatenate(column) for column in columns)
 
-    rows: NDArray[np.uint64]
-    grid: NDArray[np.int32]
-    corner: tuple[int, int]
-    kept: tuple[NDArray[np.int32] | Addresses, ...]
 
-    @classmethod
-    def of(cls, tiles: Sequence[VoxelTile]) -> "VoxelLookup":
-        """Lookup in some tiles."""
-        keys = np.array([tile.key for tile in tiles], np.int64).reshape(-1, 2)
-        low = keys.min(axis=0) if tiles else np.zeros(2, np.int64)
-        nx, ny = keys.max(axis=0) - low + 1 if tiles else (0, 0)
-        grid = np.zeros((int(ny), int(nx)), np.int32)
-        rows = np.zeros((len(tiles) + 1, 11), np.uint64)
-        signed, kept = rows.view(np.int64), list[NDArray[np.int32] | Addresses]()
-        for row, tile in enumerate(tiles, 1):
-            grid[tile.key[1] - low[1], tile.key[0] - low[0]] = row
-            numbers, addresses = tile.layer_numbers, tile.addresses
-            if not len(numbers):
-                continue
-            signed[row, 0] = tile.index.layers[0]
-            rows[row, 1:4] = len(numbers), numbers.ctypes.data, tile.occupancy.held.shape[2]
-            rows[row, 4:] = addresses.values
-            kept += [numbers, addresses]
-        return cls(rows, grid, (int(low[0]), int(low[1])), tuple(kept))
+def grid_of_rows(rows: Mapping[TileKey, int]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the grid of a table that has only these tiles, by their rows, and its corner."""
+    keys = np.array(list(rows), np.int64).reshape(-1, 2)
+    corner = keys.min(axis=0, initial=2**31)
+    nx, ny = keys.max(axis=0) - corner + 1 if rows else (0, 0)
+    grid = np.zeros((int(ny), int(nx)), np.int32)
+    grid[tuple((keys - corner).T[::-1])] = list(rows.values())
+    return grid, corner
 
 
 TileT = TypeVar("TileT")

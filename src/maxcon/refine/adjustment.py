@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.map import PointMap
-from maxcon.map.tile import VoxelLookup
 from maxcon.scan import Scan, one_per_cube
 
 __all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "covariance", "map_covariance", "refine"]
@@ -129,7 +128,8 @@ def refine(
 
     kept = one_per_cube(scan.points, scan.normals, THINNING, by_lot=True)
     points, normals = scan.points.take(kept, axis=0), scan.normals.take(kept, axis=0)
-    lookup = _lookup(points, point_map, start)
+    placed = points @ start.rotation.T + start.position
+    table = point_map.table_of(point_map.keys_around(placed[:, :2], REACH))  # of all voxels that can be partners
     planes, residuals, weights = np.zeros((len(points), 4)), np.empty(len(points)), np.empty(len(points))
     sigmas = [POSITION_SIGMA, POSITION_SIGMA, height_sigma, tilt_sigma, tilt_sigma, HEADING_SIGMA]
     normal_matrix, start_weights = np.empty((6, 6)), (MATCH_SIGMA / np.array(sigmas)) ** 2
@@ -138,7 +138,7 @@ def refine(
     for each in PASSES:
         partner_kernels.find_partners(
             points, normals, unknowns, each.every, point_map.cell, (each.along, each.around), LEAST_COSINE,
-            point_map.is_signed, lookup.rows, lookup.grid, lookup.corner, planes,
+            point_map.is_signed, table, planes,
         )  # fmt: skip
         kernels.adjust(points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_PASS, AT_REST)
     kernels.weigh(points, planes, unknowns, PASSES[-1].gate, normal_matrix, residuals, weights)
@@ -146,12 +146,6 @@ def refine(
         Pose(*unknowns.tolist()), points, normals, planes, residuals, weights, normal_matrix, start_weights,
         moved=math.hypot(unknowns[0] - first[0], unknowns[1] - first[1]), turned=abs(unknowns[5] - first[5]),
     )  # fmt: skip
-
-
-def _lookup(points: NDArray[np.float64], point_map: PointMap, start: Pose) -> VoxelLookup:
-    """The voxels among which scan points, (n, 3), sensor frame, can have partners."""
-    placed = points @ start.rotation.T + start.position
-    return VoxelLookup.of(point_map.tiles_around(placed[:, :2], REACH))
 
 
 def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:

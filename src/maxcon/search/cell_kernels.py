@@ -15,15 +15,15 @@ Words come with the number of all bits before them (`numbers`, `firsts`): that, 
 number of a patch or voxel in the arrays of the tile.
 
 Numbers that say where something is are packed into uint64, for then one addition or one mask does. A voxel (x, y) is
-x + y * 2^32: adding an offset moves both, and bits outside the tile show that a point left it. A bit of a tile is row
-of the tile, word, bit, see BIT_BITS; a voxel of a tile is row of the tile, number, see WORD_BITS.
+x + y * 2^32: adding an offset moves both, and bits outside the tile show that a point left it. A bit of a word is word,
+bit, see BIT_BITS. The arrays of the tiles are those of `tile.voxel_table`.
 """
 
 import numpy as np
 
 from maxcon._system.kernel_cache import njit
 from maxcon.map.layout import PATCH_VOXELS
-from maxcon.map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
+from maxcon.map.lookup_kernels import HELD, N_HELD, n_bits
 from maxcon.search.accumulator import CONTRIBUTION_STEP, ROUNDER
 from maxcon.search.group_kernels import turn_normals, turn_to_columns
 
@@ -32,14 +32,11 @@ CAPACITY = 1024
 
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 
-# Columns of the table of tiles, see `moments_of_cells`.
-LAYERS, N_HELD, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS = range(8)
-
 # A mask of x times this is a mask of x and y.
 BOTH = 2**32 + 1
 
-# Bits below the number of the word, and below the row of the tile.
-BIT_BITS, WORD_BITS = 6, 34
+# Bits below the number of the word.
+BIT_BITS = 6
 
 
 @njit(nogil=True, cache=True)
@@ -77,81 +74,77 @@ def _tile_and_shift(voxel, offset, edge_bits, grid, corner):
 
 
 @njit(nogil=True, cache=True)
-def _find(first, end, offset, voxels, ranks, tiles, edge_bits, grid, corner, found, matched):
+def _find(first, end, offset, voxels, ranks, layers, edge_bits, table, found, matched):
     """Find those of some points that fall in a patch that holds voxels, at an offset. Returns how many.
 
     found : (c,) int32, their numbers; matched : (c,) uint64, bits of the voxels they fall in. Both out.
     """
+    rows, grid, corner, _, held, numbers = table[:6]
     n, row, shift = np.uint64(0), np.uint64(0), np.uint64(2**63)  # that of no tile
     # Bits that are set in no voxel of a tile, and those of its place (py, px) among the patches, once shifted there.
     outside = ~np.uint64(((1 << edge_bits) - 1) * BOTH)
     row_bits = np.uint64(edge_bits - PATCH_BITS)
     in_row = (np.uint64(1) << row_bits) - np.uint64(1)
-    to_row, rows = np.uint64(32 + PATCH_BITS) - row_bits, in_row << row_bits
-    layers, n_held, held, numbers = tiles[0, LAYERS], tiles[0, N_HELD], tiles[0, HELD], tiles[0, NUMBERS]
+    to_row, in_rows = np.uint64(32 + PATCH_BITS) - row_bits, in_row << row_bits
+    n_held, first_held = np.uint64(rows[0, N_HELD]), np.uint64(rows[0, HELD])
     for number in range(first, end):
         j = np.uint64(number)
         voxel = voxels[j] + shift
         if voxel & outside:  # points in one tile follow each other
-            tile, shift = _tile_and_shift(voxels[j], offset, edge_bits, grid, corner)
+            row, shift = _tile_and_shift(voxels[j], offset, edge_bits, grid, corner)
             voxel = voxels[j] + shift
-            layers, n_held = tiles[tile, LAYERS], tiles[tile, N_HELD]
-            held, numbers = tiles[tile, HELD], tiles[tile, NUMBERS]
-            row = tile << np.uint64(BIT_BITS + WORD_BITS)
+            n_held, first_held = np.uint64(rows[row, N_HELD]), np.uint64(rows[row, HELD])
         # From here on without a branch: which points match is as good as random.
-        place = (voxel >> to_row) & rows
+        place = (voxel >> to_row) & in_rows
         place |= (voxel >> np.uint64(PATCH_BITS)) & in_row
-        layer = np.uint64(int32_at(layers, np.uint64(ranks[j])))
-        place = place * n_held + (layer >> np.uint64(6))
-        patches, in_patches = uint64_at(held, place), layer & np.uint64(63)
+        layer = np.uint64(layers[row, np.uint64(ranks[j])])
+        place = first_held + place * n_held + (layer >> np.uint64(6))
+        patches, in_patches = held[place], layer & np.uint64(63)
         before = patches & ((np.uint64(1) << in_patches) - np.uint64(1))
-        patch = np.uint64(int32_at(numbers, place)) + n_bits(before)
+        patch = np.uint64(numbers[place]) + n_bits(before)
         word = np.uint64(4) * patch + ((voxel >> np.uint64(34)) & np.uint64(3))
         bit = (voxel >> np.uint64(32 - PATCH_BITS)) | (voxel & np.uint64(PATCH_VOXELS - 1))
-        bit &= np.uint64(2**BIT_BITS - 1)
         found[n] = number
-        matched[n] = row | (word << np.uint64(BIT_BITS)) | bit
+        matched[n] = (word << np.uint64(BIT_BITS)) | (bit & np.uint64(2**BIT_BITS - 1))
         n += (patches >> in_patches) & np.uint64(1)
     return np.int64(n)
 
 
 @njit(nogil=True, cache=True)
-def _keep_matches(n, tiles, found, matched):
+def _keep_matches(n, table, found, matched):
     """Keep those of n points whose own voxel is in the map. Returns how many.
 
     found : (c,) int32, in and out; matched : (c,) uint64, in and out, instead of bits then the voxels they are of.
     """
-    n_kept = np.uint64(0)
+    words, firsts, n_kept = table[6], table[7], np.uint64(0)
     for number in range(n):
         m = np.uint64(number)
-        bit, tile = matched[m] & np.uint64(2**BIT_BITS - 1), matched[m] >> np.uint64(BIT_BITS + WORD_BITS)
-        word = (matched[m] >> np.uint64(BIT_BITS)) & np.uint64(2**WORD_BITS - 1)
-        voxels = uint64_at(tiles[tile, WORDS], word)
+        bit, word = matched[m] & np.uint64(2**BIT_BITS - 1), matched[m] >> np.uint64(BIT_BITS)
+        voxels = words[word]
         before = voxels & ((np.uint64(1) << bit) - np.uint64(1))
-        voxel = np.uint64(int32_at(tiles[tile, FIRSTS], word)) + n_bits(before)
-        found[n_kept], matched[n_kept] = found[m], (tile << np.uint64(WORD_BITS)) | voxel
+        found[n_kept], matched[n_kept] = found[m], np.uint64(firsts[word]) + n_bits(before)
         n_kept += (voxels >> bit) & np.uint64(1)
     return np.int64(n_kept)
 
 
 @njit(nogil=True, cache=True)
-def _fetch(n, found, matched, normals, tiles, fetched, times):
+def _fetch(n, found, matched, normals, table, fetched, times):
     """Fetch what belongs to n points that match.
 
     fetched : (7, c) float32, out: normal of the point, normal of its voxel, weight added where the point has none;
     times : (c,) int32, out: how often each voxel counts; empty where once.
     """
+    voxel_normals, counts = table[8], table[9]
     for number in range(n):
         m = np.uint64(number)
-        j, tile = np.uint64(found[m]), matched[m] >> np.uint64(WORD_BITS)
-        k = matched[m] & np.uint64(2**WORD_BITS - 1)
+        j, k = np.uint64(found[m]), matched[m]
         fetched[np.uint64(6), m] = normals[j, np.uint64(3)]
         for axis in range(3):
             at = np.uint64(axis)
             fetched[at, m] = normals[j, at]
-            fetched[np.uint64(3) + at, m] = float32_at(tiles[tile, NORMALS], np.uint64(3) * k + at)
+            fetched[np.uint64(3) + at, m] = voxel_normals[k, at]
         if times.shape[0] > 0:
-            times[m] = int32_at(tiles[tile, COUNTS], k)
+            times[m] = counts[k]
 
 
 @njit(nogil=True, cache=True)
@@ -178,18 +171,13 @@ def _add(n, fetched, times, back, moments):
 
 
 @njit(nogil=True, cache=True)
-def moments_of_cells(
-    offsets, voxels, normals, ranks, tiles, edge_bits, grid, corner, is_once, is_signed, moments
-):  # fmt: skip
+def moments_of_cells(offsets, voxels, normals, ranks, layers, edge_bits, table, is_once, is_signed, moments):
     """Add the matches of scan points, turned by one heading, to the moments of some of its cells.
 
     offsets : (c, 2) int64, (x, y) of each cell, voxels; voxels, normals : as `points_at_heading` made them; ranks :
     (n,) int32, number of each point's layer among the scan's.
-    tiles : (t + 1, 8) uint64, a row for each tile and a first one for where there is none. Addresses of: number of
-    each layer of the scan in the tile (int32); the tile's `Occupancy`, held, numbers, words and firsts; normals and
-    counts of its voxels. In the second column how many words each column of patches has.
-    edge_bits : a tile has 2^edge_bits voxels along an edge; grid : (ny, nx) int32, rows of the tiles; corner : key
-    (x, y) of the first.
+    layers : (t + 1, l) int32, number of each of these layers in each tile of the table, of a layer that is not there
+    one too high; edge_bits : a tile has 2^edge_bits voxels along an edge; table : of the tiles, see `tile.voxel_table`.
     is_once : whether a voxel counts once; is_signed : whether the map's normals have a side.
     moments : (c, 4) float64, in and out.
     """
@@ -200,7 +188,7 @@ def moments_of_cells(
         end = min(first + CAPACITY, voxels.shape[0])
         for c in range(offsets.shape[0]):
             offset = (offsets[c, 0], offsets[c, 1])
-            n = _find(first, end, offset, voxels, ranks, tiles, edge_bits, grid, corner, found, matched)
-            n = _keep_matches(n, tiles, found, matched)
-            _fetch(n, found, matched, normals, tiles, fetched, times)
+            n = _find(first, end, offset, voxels, ranks, layers, edge_bits, table, found, matched)
+            n = _keep_matches(n, table, found, matched)
+            _fetch(n, found, matched, normals, table, fetched, times)
             _add(n, fetched, times, back, moments[c])

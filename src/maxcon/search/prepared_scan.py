@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose, rotation_matrices, voxel_indices
-from maxcon.map import PATCH_VOXELS, PointMap, TileKey, VoxelTile
-from maxcon.map.tile import Addresses
+from maxcon.map import PointMap, TileKey, VoxelTile
+from maxcon.map.tile import VoxelTable
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Multiplicity, Weighting
 from maxcon.search.objectives import Moments
@@ -43,6 +43,7 @@ class PreparedScan:
     Those with a normal come first in it, those in one voxel follow each other; neighbouring groups read the
     same voxels. With weights of one normals are dropped here: all points take `without_normal`.
 
+    point_map: the map.
     prior: T_map_sensor before localization, local frame of the map.
     space: the cells, around the prior.
     points: shape (2, n); x and y of each point of the upright scan, from the sensor, m.
@@ -59,6 +60,7 @@ class PreparedScan:
         from them follows which axis is probably determined least, before anything is scored.
     """
 
+    point_map: PointMap
     prior: Pose
     space: SearchSpace
     points: NDArray[np.float64]
@@ -116,7 +118,7 @@ class PreparedScan:
             layers = group_kernels.number_layers(tile.index.layers, groups.layers)
             tiles[int((y - corner[1]) * nx + x - corner[0])] = tile, layers
         return cls(
-            prior, space, groups.points, groups.normals, groups.starts, groups.middles, groups.ranks, tiles,
+            point_map, prior, space, groups.points, groups.normals, groups.starts, groups.middles, groups.ranks, tiles,
             (int(corner[0]), int(corner[1])), (int(ny), int(nx)), point_map.tile_voxels, cell,
             multiplicity is Multiplicity.OCCUPIED, point_map.is_signed, weighting.without_normal, groups.spread,
         )  # fmt: skip
@@ -176,8 +178,8 @@ class PreparedScan:
         offsets = np.column_stack([cells[:, 2] - nx // 2, cells[:, 1] - ny // 2])
         moments = np.zeros((len(cells), 4))
         cell_kernels.moments_of_cells(
-            offsets, voxels, normals, self._layers, self._table.rows, self.edge.bit_length() - 1,
-            self._table.grid, self.corner, self.is_once, self.is_signed, moments,
+            offsets, voxels, normals, self._layers, self._layers_of_tiles, self.edge.bit_length() - 1, self._table,
+            self.is_once, self.is_signed, moments,
         )  # fmt: skip
         return moments
 
@@ -272,47 +274,24 @@ class PreparedScan:
             yield stops, runs, (tile.corner, tile.columns, tile.normals, counts)
 
     @cached_property
-    def _table(self) -> "TileTable":
+    def _table(self) -> VoxelTable:
         """The tiles, as single points are looked up in them."""
-        return TileTable.of(self.tiles, self.shape, self.edge, int(self.ranks.max(initial=0)) + 1)
+        return self.point_map.table_of(tile.key for tile, _ in self.tiles.values())
+
+    @cached_property
+    def _layers_of_tiles(self) -> NDArray[np.int32]:
+        """Layer of each row of the table that each layer of the scan has, one too high where it has none."""
+        (rows, grid, corner), n_layers = self._table[:3], int(self.ranks.max(initial=0)) + 1
+        numbers = np.zeros((len(rows), n_layers), np.int32)
+        for tile, layers in self.tiles.values():
+            x, y = tile.key - corner
+            numbers[grid[y, x]] = np.where(layers < 0, len(tile.index.layers), layers)[:n_layers]
+        return numbers
 
     @cached_property
     def _layers(self) -> NDArray[np.int32]:
         """Number of each point's height layer among those of the scan, shape (n,)."""
         return np.repeat(self.ranks, np.diff(self.starts)).astype(np.int32)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TileTable:
-    """The tiles around a scan in one array of addresses: one call of `moments_of_cells` looks up points in all of them.
-
-    rows: shape (n_tiles + 1, 8), uint64; addresses of the arrays of each tile, as `cell_kernels.moments_of_cells` reads
-        them. The first row is for where there is no tile.
-    grid: shape (ny, nx), int32; rows of the tiles, by their keys.
-    kept: the arrays at the addresses: they live as long as the table.
-    """
-
-    rows: NDArray[np.uint64]
-    grid: NDArray[np.int32]
-    kept: tuple[NDArray[Any] | Addresses, ...]
-
-    @classmethod
-    def of(
-        cls, tiles: dict[int, tuple[VoxelTile, NDArray[np.int64]]], shape: tuple[int, int], edge: int, n_layers: int
-    ) -> "TileTable":
-        """Table of the tiles of a `PreparedScan`, from its fields; its points lie in `n_layers` height layers."""
-        layers = np.zeros((len(tiles) + 1, n_layers), np.int32)
-        nothing, kept = np.zeros((edge // PATCH_VOXELS) ** 2, np.uint64), []
-        rows, grid = np.empty((len(layers), 8), np.uint64), np.zeros(shape, np.int32)
-        rows[:, 0] = layers.ctypes.data + layers.strides[0] * np.arange(len(layers))
-        rows[0, 1:] = [1, *[nothing.ctypes.data] * 6]
-        for row, (slot, (tile, tile_layers)) in enumerate(tiles.items(), 1):
-            grid.flat[slot] = row
-            layers[row] = np.where(tile_layers < 0, len(tile.index.layers), tile_layers)[:n_layers]
-            addresses = tile.addresses  # once: the table must keep the very ones whose values it has
-            rows[row, 1], rows[row, 2:] = tile.occupancy.held.shape[2], addresses.values[:6]
-            kept.append(addresses)
-        return cls(rows, grid, (layers, nothing, *kept))
 
 
 def _in_threads(do: Callable[[NDArray[np.int64]], None], parts: list[NDArray[np.int64]], n_threads: int) -> None:

@@ -31,7 +31,7 @@ from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey, VoxelTile
 from maxcon.map.ground import GroundPatch
 from maxcon.map.layout import SurfaceClass
-from maxcon.map.tile import VoxelLookup
+from maxcon.map.tile import voxel_table
 from maxcon.map.voxelize import tile_of_voxels
 from maxcon.mapping.build.tile_points import (
     LAYER,
@@ -131,11 +131,6 @@ def classes_of(tile: VoxelTile) -> NDArray[np.uint8]:
     return np.full(len(tile), SurfaceClass.KNOWN, np.uint8) if tile.classes is None else tile.classes
 
 
-def table_of(lookup: VoxelLookup, firsts: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
-    """Table of `ray_kernels` of some tiles; `firsts`: the place of each one's first voxel in arrays of all voxels."""
-    return lookup.rows, lookup.grid, np.array(lookup.corner), np.concatenate([[0], firsts])
-
-
 def initial_evidence(classes: NDArray[np.uint8], options: UpdateOptions) -> Evidence:
     """Evidence of voxels before the first observation: log-odds by their classes (or `CANDIDATE`)."""
     start, n = np.zeros(256, np.float32), len(classes)
@@ -177,8 +172,7 @@ class SurfacesInReach:
     def __init__(self, surfaces: Sequence[Surfaces]) -> None:
         tiles = [each.tile for each in surfaces]
         self._ends = np.cumsum([0, *map(len, tiles)])
-        self._lookup = VoxelLookup.of(tiles)  # it holds the memory that its rows point to
-        self.table = table_of(self._lookup, self._ends[:-1])
+        self.table = voxel_table(tiles)
         self.evidence = {name: np.concatenate([each.evidence[name] for each in surfaces]) for name in EVIDENCE}
         self.arrays = (*self.evidence.values(), np.full(self._ends[-1], -1, np.int32))
 
@@ -279,8 +273,7 @@ def _sort_unknown_points(
     distances = np.linalg.norm(to_sensor, axis=1)
     is_in_reach = (distances <= options.reach) & (distances > 0.0)
     ends, to_sensor, distances = ends[is_in_reach], to_sensor[is_in_reach], distances[is_in_reach]
-    lookup = VoxelLookup.of(point_map.tiles_within(pose.x, pose.y, options.reach + BEHIND[1]))
-    table = table_of(lookup, np.zeros(len(lookup.rows) - 1, np.int64))
+    table = point_map.table_of(point_map.keys_within(pose.x, pose.y, options.reach + BEHIND[1]))
     is_far = np.empty(len(ends), bool)
     are_far_from_voxels(ends, NEAR_VOXELS, point_map.cell, table, is_far)
     rows = np.flatnonzero(is_far)

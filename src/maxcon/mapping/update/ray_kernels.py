@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: MIT
 """Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `evidence`).
 
-`table` is (rows, grid, corner) of a `VoxelLookup` and offsets, (n_tiles + 1,) int64: the place of the first voxel of
-each of its rows in the arrays of all voxels. `evidence` are such arrays: log_odds (m,) float32; n_hits, n_misses (m,)
-int32, observations; hit_in (m, 2) int32, the first and the last observation that hit each, -1 for none; seen_in (m,)
-int32, the last observation that hit or missed it.
+`table` is that of `tile.voxel_table`. `evidence` are arrays of its voxels: log_odds (m,) float32; n_hits, n_misses
+(m,) int32, observations; hit_in (m, 2) int32, the first and the last observation that hit each, -1 for none; seen_in
+(m,) int32, the last observation that hit or missed it.
 """
 
 import numpy as np
@@ -17,12 +16,8 @@ from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_
 @njit(nogil=True, cache=True)
 def _place_of_voxel(x, y, z, table):
     """Place of a voxel in the arrays of all voxels; -1 if it is not held."""
-    rows, grid, corner, offsets = table
-    row, patch = find_patch(x, y, z, rows, grid, corner)
-    if row == 0:
-        return np.int64(-1)
-    is_held, number = find_in_patch(x, y, row, patch, rows)
-    return offsets[row] + np.int64(number) if is_held else np.int64(-1)
+    patch = find_patch(x, y, z, table)
+    return find_in_patch(x, y, patch, table) if patch >= 0 else -1
 
 
 @njit(nogil=True, cache=True)
@@ -99,7 +94,6 @@ def _walk(origin, end, scan, cell, margin, least_cosine, reach, weights, table, 
     Voxels are visited along the ray (Amanatides and Woo 1987); a patch without any is looked up only once.
     """
     _, miss, lowest, highest = weights
-    rows, grid, corner, offsets = table
     log_odds, _, n_misses, _, seen_in = evidence
     dx, dy, dz = end[0] - origin[0], end[1] - origin[1], end[2] - origin[2]
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
@@ -111,24 +105,22 @@ def _walk(origin, end, scan, cell, margin, least_cosine, reach, weights, table, 
     y, step_y, to_y, every_y = _first_border(start[1], along[1], cell)
     z, step_z, to_z, every_z = _first_border(start[2], along[2], cell)
     stop = min(length - margin, reach)
-    row, patch = find_patch(x, y, z, rows, grid, corner)
+    patch = find_patch(x, y, z, table)
     here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
     at = 0.0
     while at <= stop:
         if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != here_z:
             here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
-            row, patch = find_patch(x, y, z, rows, grid, corner)
-        if row != 0:
-            is_held, number = find_in_patch(x, y, row, patch, rows)
-            if is_held:
-                k = offsets[row] + np.int64(number)
-                if seen_in[k] != scan and _is_miss(
-                    start, along, length, plane_of_voxel(row, number, x, y, z, cell, rows), (x, y, z), cell,
-                    margin, least_cosine, reach,
-                ):  # fmt: skip
-                    seen_in[k] = scan
-                    n_misses[k] += 1
-                    _add(k, miss, lowest, highest, log_odds)
+            patch = find_patch(x, y, z, table)
+        if patch >= 0:
+            k = find_in_patch(x, y, patch, table)
+            if k >= 0 and seen_in[k] != scan and _is_miss(
+                start, along, length, plane_of_voxel(k, x, y, z, cell, table), (x, y, z), cell, margin, least_cosine,
+                reach,
+            ):  # fmt: skip
+                seen_in[k] = scan
+                n_misses[k] += 1
+                _add(k, miss, lowest, highest, log_odds)
         if to_x <= to_y and to_x <= to_z:
             x, at, to_x = x + step_x, to_x, to_x + every_x
         elif to_y <= to_z:
@@ -157,7 +149,7 @@ def _is_far(point, reach, cell, table):
     """Whether the voxel of a point is farther than `reach` voxels, along each axis, from any that is held."""
     place = point[0] / cell, point[1] / cell, point[2] / cell
     reaches = np.float64(reach), np.float64(reach), np.float64(reach)
-    if not is_near_voxels(place, reaches, table[0], table[1], table[2]):
+    if not is_near_voxels(place, reaches, table):
         return True
     x0, y0, z0 = np.int64(np.floor(place[0])), np.int64(np.floor(place[1])), np.int64(np.floor(place[2]))
     for z in range(z0 - reach, z0 + reach + 1):
