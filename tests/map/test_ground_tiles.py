@@ -19,9 +19,7 @@ SEEDS = st.integers(0, 2**32)
 CELL = 0.06
 
 
-@pytest.mark.parametrize(
-    ("cell", "voxels"), [(0.03, 16), (0.06, 8), (0.1, 4), (0.12, 4), (0.5, 1), (3.0, 1), (1e-4, 512)]
-)
+@pytest.mark.parametrize(("cell", "voxels"), [(0.03, 16), (0.06, 8), (0.1, 4), (3.0, 1), (1e-4, 512)])
 def test_cells_of_the_ground_are_of_about_half_a_metre_and_make_up_a_tile(cell, voxels):
     assert ground_voxels(cell) == voxels
     assert TILE_VOXELS % voxels == 0
@@ -46,11 +44,8 @@ def test_a_cell_keeps_the_median_of_each_of_its_levels_and_a_tile_all_of_them(se
     rows = tile.rows()
     np.testing.assert_array_equal(GroundTile.from_rows(tile.key, *rows, n_cells).heights, stacked)
     assert tile.n_heights == len(rows[1])
-
-
-def test_a_stray_point_is_no_level():
-    columns, heights = np.zeros((21, 2), int), np.array([*np.full(20, 1.0), -4.0])
-    assert ground_of_points(columns, heights, 1).tolist() == [[[1.0]]]
+    stray = np.array([*np.full(20, 1.0), -4.0])  # a single point is no level
+    assert ground_of_points(np.zeros((21, 2), int), stray, 1).tolist() == [[[1.0]]]
 
 
 @given(SEEDS, st.floats(-70.0, 70.0), st.floats(-70.0, 70.0), st.floats(0.0, 50.0))

@@ -33,7 +33,7 @@ def assert_right(estimate, truth):
     assert abs(math.degrees(error.heading)) < 0.3
 
 
-@pytest.mark.parametrize(("x", "y", "heading_deg"), [(-12.0, 20.3, 171.0), (0.4, 0.7, -88.5), (18.1, -9.2, 37.3)])
+@pytest.mark.parametrize(("x", "y", "heading_deg"), [(-12.0, 20.3, 171.0), (18.1, -9.2, -88.5)])
 def test_a_scan_is_found_at_any_place_and_heading(town, relocalizer, x, y, heading_deg):
     truth = town.pose(x, y, math.radians(heading_deg))
     found = relocalizer.search(town.scan(truth, 1))
@@ -77,31 +77,20 @@ def test_a_town_that_is_there_twice_is_ambiguous_and_says_so():
 
 def test_a_scan_of_another_town_is_not_localized(relocalizer):
     other = Town(14)
-    for seed in range(2):
-        estimate = relocalizer.localize(other.scan(other.pose(6.0 * seed, -3.0, 0.4), seed))
-        assert not estimate.is_localized
+    assert not relocalizer.localize(other.scan(other.pose(6.0, -3.0, 0.4), 1)).is_localized
 
 
-def test_in_a_circle_without_the_true_place_it_is_not_localized(town, relocalizer):
+def test_in_a_circle_without_the_true_place_it_is_not_localized(town, relocalizer, monkeypatch):
+    monkeypatch.setattr(CoarseTiles, "__init__", lambda *_: pytest.fail("tiles are made anew"))
+    with pytest.raises(OptionError, match="radius"):
+        relocalizer.within((10.0, 0.0), -1.0)
     scan = town.scan(town.pose(20.0, 20.0, 0.4), 5)
     assert not relocalizer.within((-20.0, -20.0), 15.0).localize(scan).is_localized
     inside = relocalizer.within((15.0, 15.0), 15.0)
     assert inside.localize(scan).is_localized
     assert inside.n_cells < 180 * math.pi * 16.0**2 / 0.96**2
-
-
-def test_a_circle_shares_what_is_kept_of_the_map_and_makes_nothing_anew(relocalizer, monkeypatch):
-    monkeypatch.setattr(CoarseTiles, "__init__", lambda *_: pytest.fail("tiles are made anew"))
-    inside = relocalizer.within((10.0, 0.0), 30.0)
-    assert inside.coarse.tiles is relocalizer.coarse.tiles
-    assert inside._half is relocalizer._half
     assert (relocalizer.area, relocalizer.coarse.area, inside.coarse.area) == (None, None, inside.area)
-    with pytest.raises(OptionError, match="radius"):
-        relocalizer.within((10.0, 0.0), -1.0)
-
-
-def test_at_the_boundary_of_the_circle_it_says_so(town, relocalizer):
-    scan = town.scan(town.pose(10.0, 0.0, 0.4), 6)
+    scan = town.scan(town.pose(10.0, 0.0, 0.4), 6)  # at the boundary
     assert relocalizer.within((0.0, 0.0), 10.3).localize(scan).status is Status.AT_RIM
 
 
@@ -141,7 +130,7 @@ def test_maps_that_are_refused(town):
         Relocalizer(town.map, (500.0, 0.0), 20.0).localize(Scan(np.zeros((1, 3))))
 
 
-@pytest.mark.parametrize("cell", [0.02, 0.05, 0.06, 0.1, 0.2, 0.5])
+@pytest.mark.parametrize("cell", [0.02, 0.06, 0.5])
 def test_of_any_map_candidates_are_counted_again_in_cells_half_as_large(cell):
     low = [[0.1, 0.1, 0.0]]
     relocalizer = Relocalizer(PointMap.from_points(low, [[0.0, 0.0, 1.0]], cell, ground=low))

@@ -127,12 +127,10 @@ class Pose:
 def interpolate_poses(
     times: NDArray[np.float64], positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], wanted: ArrayLike
 ) -> tuple[NDArray[np.float64], Rotation]:
-    """Positions, shape (n, 3), and rotations (n of them) at wanted times, shape (n,), between known poses.
+    """Positions, shape (n, 3), and n rotations at wanted times, between poses at increasing times, shape (m,), s.
 
     Positions are linear, turns take the shortest arc; beyond the ends both go on as between the two poses there. One
     pose stands at all times. The callers say how large a gap, or how far beyond the ends, is too far.
-
-    times, shape (m,), increasing, s; positions, shape (m, 3), m; quaternions_xyzw, shape (m, 4), unit.
     """
     from scipy.spatial.transform import Rotation
 

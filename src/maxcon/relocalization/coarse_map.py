@@ -63,7 +63,7 @@ class CoarseTile:
     @property
     def n_bytes(self) -> int:
         """Memory it holds."""
-        return sum(array.nbytes for array in (self.columns, self.layers, self.bins, self.is_allowed))
+        return self.columns.nbytes + self.layers.nbytes + self.bins.nbytes + self.is_allowed.nbytes
 
 
 class CoarseTiles:
@@ -241,10 +241,10 @@ class Regions:
         """Number of cells in which a scanner may stand, of each region that has any, by key in order."""
         edge = self.tiles.edge
         keys = {key for x, y in self.tiles.keys for key in _squares(x * edge, y * edge, edge, REGION)}
-        inside = ((key, self._is_inside(key)) for key in sorted(keys))
-        counts = {
-            key: int((is_inside & _standable(self.tiles, key)).sum()) for key, is_inside in inside if is_inside.any()
-        }
+        if self.area is not None:
+            x, y, reach = (int(value // self.tiles.cell) for value in self.area)
+            keys.intersection_update(_squares(x - reach - 1, y - reach - 1, 2 * reach + 4, REGION))
+        counts = {key: int((_standable(self.tiles, key) & self._is_inside(key)).sum()) for key in sorted(keys)}
         return {key: count for key, count in counts.items() if count}
 
     @property

@@ -210,8 +210,17 @@ class Relocalizer:
         # Refinement decides which of the rivals is best; that there are rivals stays true.
         if len(rivals) > 1:
             rivals = sorted((self._refined(scan, each) for each in rivals), key=lambda each: -each.score)
-        best = replace(rivals[0], runner_up=runner_up, is_at_boundary=self._is_at_rim(rivals[0].pose))
-        judged = replace(self._cell_search.estimate(best, scan, self.map), cell=None)
+        best, area = rivals[0], self.area
+        # In the outermost large cell of the circle.
+        is_at_boundary = area is not None and (
+            math.hypot(best.pose.x - area.x, best.pose.y - area.y) > area.radius - self.coarse.tiles.cell
+        )
+        best = replace(best, runner_up=runner_up, is_at_boundary=is_at_boundary)
+        search = CellSearch(
+            Helmert(), Multiplicity.OCCUPIED, Weighting.COSINE, SearchMethod.BRANCH_AND_BOUND, THINNING,
+            self.n_threads, self.trust,
+        )  # fmt: skip
+        judged = replace(search.estimate(best, scan, self.map), cell=None)
         ground = fit_ground(scan, self.map, judged.pose)
         estimate = validate(judged, ground, scan, self.map, self.trust, self.risk)
         n_others = len(rivals) - 1
@@ -242,20 +251,6 @@ class Relocalizer:
     def _followed(self) -> float:
         """Ratio to the best score that other places are followed down to."""
         return min(max(self.trust.largest_runner_up, LEAST_FOLLOWED), FOLLOWED)
-
-    def _is_at_rim(self, pose: Pose) -> bool:
-        """Whether a pose lies in the outermost large cell of the circle."""
-        if self.area is None:
-            return False
-        away = math.hypot(pose.x - self.area.x, pose.y - self.area.y)
-        return away > self.area.radius - self.coarse.tiles.cell
-
-    @property
-    def _cell_search(self) -> CellSearch:
-        return CellSearch(
-            Helmert(), Multiplicity.OCCUPIED, Weighting.COSINE, SearchMethod.BRANCH_AND_BOUND, THINNING,
-            self.n_threads, self.trust,
-        )  # fmt: skip
 
 
 def _area(around: tuple[float, float], radius: float) -> Area:
