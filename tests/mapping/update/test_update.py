@@ -145,8 +145,8 @@ def test_what_cannot_be_is_refused(street, tmp_path):
         with pytest.raises(kind, match=words):
             update_map(street, drives, target, overwrite=True)
     assert not out.exists()
-    for wrong in ({"gone_at": -3.0}, {"least_share": 0.0}):
-        with pytest.raises(OptionError, match=next(iter(wrong))):
+    for wrong in ({"reach": 0.0}, {"least_looks": 0}, {"hit": np.nan}):
+        with pytest.raises(OptionError, match="options of an update"):
             UpdateOptions(**wrong)
 
 

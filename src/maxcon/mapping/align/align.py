@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 DEFAULT_DROP = ("vegetation", "noise", "temporal-exclusion")
 MOST_THREADS = 4  # by default; each thread holds the points of a place, some 0.4 GiB
 N_MATCHINGS = 2  # how often all visits are matched: from corrected poses more points find a partner
-MOST_EXTENDED_BYTES = 2**28  # of the extended records (EVLRs) behind the points, which are copied as a whole
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
@@ -218,7 +217,8 @@ def _sort_into_places(
     n_total, n_done = sum(header.n_points for header in headers), 0
     for file, header in enumerate(headers):
         for part in read_passes(header):
-            is_kept = ~np.isin(part.classes, drop) & ~part.is_withheld
+            classes, is_withheld = np.array(part.record["classification"]), np.array(part.record["withheld"], bool)
+            is_kept = ~np.isin(classes, drop) & ~is_withheld
             numbers = passes.of_points(part.times, part.source_ids, file)
             places.add(part.points[is_kept], part.times[is_kept], numbers[is_kept])
             n_done += len(numbers)
@@ -310,13 +310,7 @@ def _header(path: Path) -> tuple["laspy.LasHeader", "VLRList"]:
             raise FileError(
                 f"Expected {path} without waveforms inside, got some, which would be lost. Write them to a file aside."
             )
-        n_extended = header.number_of_evlrs or 0
-        if n_extended and path.stat().st_size - header.start_of_first_evlr > MOST_EXTENDED_BYTES:
-            raise FileError(
-                f"Expected at most {MOST_EXTENDED_BYTES:,} bytes behind the points of {path}, got more."
-                " Write it anew without them."
-            )
-        if n_extended:
+        if header.number_of_evlrs:
             header.read_evlrs(stream)
     extended = VLRList([record for record in header.evlrs or [] if record.user_id != "copc"])
     header.vlrs = VLRList([record for record in header.vlrs if record.user_id != "copc"])

@@ -89,8 +89,6 @@ class PassPoints(NamedTuple):
     points: NDArray[np.float64]  # (n, 3): Global, m
     times: NDArray[np.float64]  # (n,): s; zeros where the file has none
     source_ids: NDArray[np.integer]  # (n,): Point source ids
-    classes: NDArray[np.uint8]  # (n,): Classification codes
-    is_withheld: NDArray[np.bool_]  # (n,): Points that the file marks as deleted
 
 
 def read_passes(header: CloudHeader) -> Iterator[PassPoints]:
@@ -107,10 +105,7 @@ def read_passes(header: CloudHeader) -> Iterator[PassPoints]:
                 raise FileError(
                     f"Expected finite times and coordinates in {header.path}, got others. Leave out those points."
                 )
-            yield PassPoints(
-                record, points, times, np.array(record["point_source_id"]),
-                np.array(record["classification"], np.uint8), np.array(record["withheld"], bool),
-            )  # fmt: skip
+            yield PassPoints(record, points, times, np.array(record["point_source_id"]))
 
 
 def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progress) -> Passes:

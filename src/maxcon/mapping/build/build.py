@@ -3,6 +3,7 @@
 """Building a map on disk from point clouds: read, drop, sort into tiles, fit normals, write (D10)."""
 
 import os
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -192,14 +193,14 @@ def _sort_into_tiles(sources: Sequence[Source], buckets: _Buckets, use_normals: 
             report("reading points", sum(each.n_points for each in sources), n_total)
     buckets.ground.complete()
     if not buckets.points.keys:
-        n_read = sum(source.n_points - source.n_thinned for source in sources)
-        n_outside = sum(source.n_outside for source in sources)
-        n_invalid = sum(source.n_invalid for source in sources)
-        outside = f"{n_outside:,} lie outside of the area, " if options.area is not None else ""
+        left_out = sum((source.left_out for source in sources), Counter[str]())
+        n_read = sum(source.n_points for source in sources) - left_out["thinned"]
+        outside = f"{left_out['outside']:,} lie outside of the area, " if options.area is not None else ""
+        n_dropped = sum(source.n_dropped.total() for source in sources)
         names = ", ".join(source.header.path.name for source in sources)
         raise MapError(
-            f"Expected points for the map, but none of the {n_read:,} points in {names} is left: {outside}{n_invalid:,}"
-            f" have no finite coordinates, {n_read - n_invalid - n_outside:,} are of classes that are dropped. Check"
+            f"Expected points for the map, but none of the {n_read:,} points in {names} is left: {outside}"
+            f"{left_out['invalid']:,} have no finite coordinates, {n_dropped:,} are of classes that are dropped. Check"
             " the files, or keep more classes."
         )
     if options.trajectory is not None:

@@ -24,6 +24,9 @@ MOST_POINTS = 500_000  # 14 MB
 # One point: the number of its place, its position from the place's middle (m), and its time (s).
 PLACE_POINT = np.dtype([("place", "<u8"), ("inside", "<f4", 3), ("time", "<f8")])
 
+# Two rounds of multiplying and folding (the finalizer of splitmix64): one-to-one, and spread evenly.
+MIX = np.array([[30, 0xBF58476D1CE4E5B9], [27, 0x94D049BB133111EB]], np.uint64)
+
 LEAST_PAUSE = 60.0  # s, between two passes at one place: a vehicle that waits at a light makes one
 LEAST_POINTS = 20  # of a pass at a place
 # Of a pass's plane from the middle of the place, m: farther out the cube's faces cut noise off, and bias the mean.
@@ -98,10 +101,7 @@ class PlaceSample:
 
     def add(self, points: NDArray[np.float64], times: NDArray[np.float64]) -> None:
         """Take points, (n, 3), local frame, m, with times, (n,), s, on a common clock; not finite ones are left out."""
-        from maxcon.mapping.kernels import place_keys
-
-        keys = np.empty(len(points), np.uint64)
-        place_keys(np.ascontiguousarray(points), PLACE_EDGE, keys)
+        keys = place_keys(points)
         chosen = np.flatnonzero(self._is_chosen(keys) & np.isfinite(times))
         records = np.empty(len(chosen), PLACE_POINT)
         records["place"], records["time"] = keys[chosen], times[chosen]
@@ -119,6 +119,18 @@ class PlaceSample:
     def _is_chosen(self, places: NDArray[np.uint64]) -> NDArray[np.bool_]:
         """Whether a place belongs to the sample: half of them for each halving."""
         return np.asarray((places & np.uint64((1 << self._n_halvings) - 1)) == 0)
+
+
+def place_keys(points: NDArray[np.float64]) -> NDArray[np.uint64]:
+    """Number the cube that each point, (n, 3), m, is in, as if by chance: those that end in many zeros are a sample.
+
+    Cubes 2^21 edges apart along an axis share their number.
+    """
+    x, y, z = (np.floor(points / PLACE_EDGE).astype(np.int64) & (2**21 - 1)).T.astype(np.uint64)
+    keys = (x << np.uint64(42)) | (y << np.uint64(21)) | z
+    for shift, factor in MIX:
+        keys = (keys ^ (keys >> shift)) * factor
+    return np.asarray(keys ^ (keys >> np.uint64(31)))
 
 
 class PassDifferences(NamedTuple):

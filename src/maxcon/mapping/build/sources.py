@@ -31,19 +31,15 @@ class Source:
     area: Area | None = None
     transform: PointTransform | None = None
     n_points: int = 0
-    n_thinned: int = 0
-    n_outside: int = 0
-    n_invalid: int = 0
-    n_withheld: int = 0
+    left_out: Counter[str] = field(default_factory=Counter)  # By reason: thinned, invalid, outside or withheld
+    n_dropped: Counter[int] = field(default_factory=Counter)  # By class
     n_without_side: int = 0
-    n_dropped: Counter[int] = field(default_factory=Counter)
     is_classified: bool = False
 
     @property
     def n_kept(self) -> int:
         """Points that went into the map."""
-        left_out = self.n_thinned + self.n_outside + self.n_invalid + self.n_withheld + self.n_dropped.total()
-        return self.n_points - left_out
+        return self.n_points - self.left_out.total() - self.n_dropped.total()
 
     def placed(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points, shape (n, 3), in the coordinates of the map."""
@@ -61,11 +57,9 @@ class Source:
     def first_point(self) -> NDArray[np.float64]:
         """First point that is finite in the map, shape (3,), global, m; infinity if none is near the start."""
         with open_cloud(self.header.path) as reader:
-            for chunk in reader.chunks(FIRST_POINTS):
-                points = self.placed(chunk.points)
-                finite = points[np.isfinite(points).all(axis=1)]
-                return finite[0] if len(finite) else np.full(3, np.inf)
-        return np.full(3, np.inf)
+            points = self.placed(next((chunk.points for chunk in reader.chunks(FIRST_POINTS)), np.empty((0, 3))))
+        finite = points[np.isfinite(points).all(axis=1)]
+        return np.asarray(finite[0]) if len(finite) else np.full(3, np.inf)
 
     def describe(self) -> dict[str, object]:
         """Return its entry in the manifest (docs/map_format.md)."""
@@ -73,11 +67,11 @@ class Source:
             "name": self.header.path.name,
             "n_points": self.n_points,
             "n_kept": self.n_kept,
-            "n_thinned": self.n_thinned,
-            "n_outside": self.n_outside,
+            "n_thinned": self.left_out["thinned"],
+            "n_outside": self.left_out["outside"],
             "transform": "" if self.transform is None else self.transform.words,
-            "n_invalid": self.n_invalid,
-            "n_withheld": self.n_withheld,
+            "n_invalid": self.left_out["invalid"],
+            "n_withheld": self.left_out["withheld"],
             "n_without_side": self.n_without_side,
             "n_dropped": {str(number): n for number, n in sorted(self.n_dropped.items())},
             "is_classified": self.is_classified,
@@ -187,25 +181,23 @@ def read_source(source: Source, options: MapOptions, *, use_normals: bool) -> It
             normals = placed.normals[is_kept] if use_normals and placed.normals is not None else None
             yield SidedPoints(points, _sides(points, times, normals, trajectory, source), ground, times)
     # What a file knows to lie outside was not read.
-    source.n_outside += header.n_points - source.n_points
+    source.left_out["outside"] += header.n_points - source.n_points
     source.n_points = header.n_points
 
 
 def _are_wanted(chunk: CloudChunk, source: Source, keep_every: int) -> NDArray[np.bool_]:
     """Which points are finite, in the area, not withheld and not thinned out; the others are counted."""
-    is_wanted: NDArray[np.bool_] = (source.n_points + np.arange(len(chunk.points))) % keep_every == 0
+    everything = np.ones(len(chunk.points), bool)
+    is_wanted = everything.copy()
+    for reason, passes in (
+        ("thinned", (source.n_points + np.arange(len(chunk.points))) % keep_every == 0),
+        ("invalid", np.isfinite(chunk.points).all(axis=1)),
+        ("outside", everything if source.area is None else source.area.contains(chunk.points)),
+        ("withheld", everything if chunk.is_withheld is None else ~chunk.is_withheld),
+    ):
+        source.left_out[reason] += int((is_wanted & ~passes).sum())
+        is_wanted &= passes
     source.n_points += len(chunk.points)
-    source.n_thinned += int((~is_wanted).sum())
-    is_finite = np.isfinite(chunk.points).all(axis=1)
-    source.n_invalid += int((is_wanted & ~is_finite).sum())
-    is_wanted &= is_finite
-    if source.area is not None:
-        is_inside = source.area.contains(chunk.points)
-        source.n_outside += int((is_wanted & ~is_inside).sum())
-        is_wanted &= is_inside
-    if chunk.is_withheld is not None:
-        source.n_withheld += int((is_wanted & chunk.is_withheld).sum())
-        is_wanted &= ~chunk.is_withheld
     return is_wanted
 
 

@@ -4,8 +4,8 @@
 
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +20,6 @@ from maxcon.io.scans import Scans, check_range, open_scans
 from maxcon.io.trajectories import read_trajectory
 
 SAME_TIME = 1e-6  # s: times of the table are written to the nanosecond, those of scans are read from text
-POSITIVE = ("reach", "sigma_range", "sigmas", "hit", "highest", "new_at", "least_cosine", "least_share", "least_looks")
-NOT_NEGATIVE = ("least_motion", "sigma_position", "sigma_angle_deg", "least_time", "start", "least_voxels")
-NEGATIVE = ("miss", "lowest", "gone_at")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,22 +70,12 @@ class UpdateOptions:
     least_voxels: int = 6
 
     def __post_init__(self) -> None:
-        checks: list[tuple[str, tuple[str, ...], Callable[[float], bool]]] = [
-            ("a number above 0", POSITIVE, lambda value: value > 0.0),
-            ("a number >= 0", NOT_NEGATIVE, lambda value: value >= 0.0),
-            ("a number below 0", NEGATIVE, lambda value: value < 0.0),
-            ("up to 1", ("least_cosine", "least_share"), lambda value: value <= 1.0),
-            ("at least `lowest`", ("gone_at",), lambda value: self.lowest <= value),
-            ("at most `highest`", ("new_at",), lambda value: value <= self.highest),
-        ]
-        for expected, names, is_valid in checks:
-            for name in names:
-                value = getattr(self, name)
-                if not (math.isfinite(value) and is_valid(value)):
-                    raise OptionError(
-                        f"Expected `{name}` of an update to be {expected}, got {value}. Leave it out for the default."
-                    )
         check_range(self.min_range, self.max_range)
+        if not (all(map(math.isfinite, astuple(self))) and self.reach > 0.0 and self.least_looks >= 1):
+            raise OptionError(
+                "Expected numbers as options of an update, `reach` above 0 and `least_looks` of 1 or more, got"
+                f" {asdict(self)}. Leave them out for the defaults."
+            )
 
     def margins(
         self, sigma_position: float | None, sigma_angle: float | None, sigma_map: float, distances: NDArray[np.float64]
