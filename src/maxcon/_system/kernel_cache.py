@@ -20,12 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
-import numpy as np
 from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
 from numba.misc.appdirs import AppDirs
-from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 
@@ -82,16 +80,6 @@ def on_compilation(call: Callable[[], None]) -> Iterator[None]:
 
     with event.install_listener("numba:compile", Listener()):  # type: ignore[no-untyped-call, unused-ignore]
         yield
-
-
-def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
-    """Return the array in one piece, as a view that cannot be written.
-
-    Arrays of a tile that was read cannot be written, those in memory can: kernels would be compiled for either.
-    """
-    view = np.ascontiguousarray(array).view()
-    view.flags.writeable = False
-    return view
 
 
 def checked_code_folder() -> Path:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Checks of points, normals and covariances that come from outside, so that everything below may trust them."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -87,3 +89,13 @@ def sigmas_of(covariance: ArrayLike) -> NDArray[np.float64]:
     if fault is not None:
         raise SearchSpaceError(fault[1])
     return np.sqrt(np.diag(matrix))
+
+
+def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the array in one piece, as a view that cannot be written.
+
+    Arrays of a tile that was read cannot be written, those in memory can: kernels would be compiled for either.
+    """
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view

@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon._system.kernel_cache import read_only_view
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry import LocalFrame
-from maxcon.geometry.arrays import as_points, as_unit_normals
+from maxcon.geometry.arrays import as_points, as_unit_normals, read_only_view
 from maxcon.map.ground import GroundPatch, GroundTile, ground_in_memory, ground_patch, ground_voxels
 from maxcon.map.layout import (
     LEVEL_FACTORS,

@@ -13,7 +13,7 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon._system.kernel_cache import read_only_view
+from maxcon.geometry.arrays import read_only_view
 from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, WORD_BITS, SurfaceClass, TileKey
 
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS

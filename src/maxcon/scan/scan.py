@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon._system.kernel_cache import read_only_view
 from maxcon.errors import ArrayError, OptionError
-from maxcon.geometry.arrays import as_points, as_unit_normals
+from maxcon.geometry.arrays import as_points, as_unit_normals, read_only_view
 from maxcon.scan.normals import Viewpoints, estimate_scan_normals
 
 

@@ -131,7 +131,7 @@ def test_a_second_run_replaces_it_by_the_same_poses(demo):
     [
         ("part", ("a demo", "no report.html")),
         ("old", ("a demo", "thesis.tex", "name another folder")),
-        ("old/thesis.tex", ("a demo", "Not a directory")),
+        ("old/thesis.tex", ("thesis.tex", "Not a directory")),
         ("missing/demo", ("missing", "No such file or directory")),
     ],
 )

@@ -320,7 +320,7 @@ def test_options_are_passed_on_and_the_parts_are_said(
     ("options", "words"),
     [
         (("--every", "0.1"), "maxcon: Expected --every together with --campaign, got it alone."),
-        (("--scene", "suburb", "--campaign"), "maxcon: Expected --campaign in the city, got it with --scene suburb."),
+        (("--scene", "suburb", "--campaign"), "maxcon: Expected either --campaign or --scene suburb, got both."),
         (("--scanner", "vlp16"), "maxcon: Expected `scanner` to be 'vlp-16', 'vlp-32c', 'hdl-64e' or 'os1-64'"),
     ],
 )
