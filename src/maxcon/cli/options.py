@@ -216,8 +216,9 @@ class SpaceOptions(OptionGroup, title="Search space"):
         elif self.half_width is not None or self.heading_half_width_deg is not None:
             return None
         elif track or prior.covariances is None:
-            number = {"--sigmas": self.sigmas, "--largest-half-width": self.largest_half_width}
-            check_needs(number, {"--sigma-position": None, "a CSV prior with covariances and no --track": None})
+            numbers = {"--sigmas": self.sigmas, "--largest-half-width": self.largest_half_width}
+            # Neither is there, or it would not have come to this.
+            check_needs(numbers, {"--sigma-position": None, "a CSV prior with covariances and no --track": None})
             return None
         largest = LARGEST_HALF_WIDTH if self.largest_half_width is None else self.largest_half_width
         return WithinSigmas(method, prior, SIGMAS if self.sigmas is None else self.sigmas, largest, max_gap)
