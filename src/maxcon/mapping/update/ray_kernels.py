@@ -13,7 +13,7 @@ from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")  # a call that hands a table on costs more than the look-up
 def _place_of_voxel(x, y, z, table):
     """Place of a voxel in the arrays of all voxels; -1 if it is not held."""
     patch = find_patch(x, y, z, table)
@@ -184,6 +184,8 @@ def hide_known_surfaces(origin, ends, clearance, most, cell, table, heights, fir
         if length == 0.0:
             continue
         dx, dy, dz = dx / length, dy / length, dz / length
+        here_x = here_y = here_z = np.int64(-(2**40))
+        patch = np.int64(-1)
         for k in range(n_steps):
             t = clearance + k * step
             x, y, z = ends[i, 0] + t * dx, ends[i, 1] + t * dy, ends[i, 2] + t * dz
@@ -194,8 +196,11 @@ def hide_known_surfaces(origin, ends, clearance, most, cell, table, heights, fir
             for level in range(heights.shape[0]):
                 if abs(z - heights[level, line, column]) <= edge:  # comparisons with NaN are false
                     is_hiding[i] = is_hiding[i] or z <= heights[level, line, column]
-            voxel = np.int64(np.floor(x / cell)), np.int64(np.floor(y / cell)), np.int64(np.floor(z / cell))
-            if is_hiding[i] or _place_of_voxel(voxel[0], voxel[1], voxel[2], table) >= 0:
+            vx, vy, vz = np.int64(np.floor(x / cell)), np.int64(np.floor(y / cell)), np.int64(np.floor(z / cell))
+            if vx >> PATCH_BITS != here_x or vy >> PATCH_BITS != here_y or vz != here_z:
+                here_x, here_y, here_z = vx >> PATCH_BITS, vy >> PATCH_BITS, vz
+                patch = find_patch(vx, vy, vz, table)
+            if is_hiding[i] or (patch >= 0 and find_in_patch(vx, vy, patch, table) >= 0):
                 is_hiding[i] = True
                 break
 
