@@ -38,12 +38,13 @@ from maxcon.lab.evaluation import pose_error
 from maxcon.lab.study.methods import STANDARD, StudyMethod
 from maxcon.lab.study.prior_trials import COUNT_THEN_GICP, MAXCON, methods_at, space_of
 from maxcon.lab.study.run import spread_epochs
+from maxcon.refine import candidates
 from maxcon.scan import scan as scan_module
 
 TABLE = "latency.csv"
 GATE = 3.0
 GICP = f"GICP, gate {GATE:g} m"
-STAGES = ("normals", "thinning", "ground", "coarse search", "fine search", "judging", "refining")
+STAGES = ("normals", "thinning", "ground", "search of cells", "adjusting places", "judging", "refining")
 
 
 def methods_of(level, peers_map):
@@ -67,7 +68,7 @@ class StageTimes:
         self._inner = [0.0]
 
     def of(self, stage, function):
-        """A function, timed; `stage` is a name, or gives one for the call's keywords."""
+        """A function, timed."""
 
         def timed(*arguments, **keywords):
             start = time.process_time()
@@ -76,7 +77,7 @@ class StageTimes:
                 return function(*arguments, **keywords)
             finally:
                 taken = 1e3 * (time.process_time() - start)
-                self.ms[stage if isinstance(stage, str) else stage(keywords)] += taken - self._inner.pop()
+                self.ms[stage] += taken - self._inner.pop()
                 self._inner[-1] += taken
 
         return timed
@@ -88,7 +89,11 @@ class StageTimes:
             (scan_module, "estimate_scan_normals", "normals"),
             (scan_module, "one_per_cube", "thinning"),
             (localizer, "fit_ground", "ground"),
-            (cell_search, "branch_and_bound", _kind_of_search),
+            (candidates, "fit_ground_plane", "ground"),
+            (candidates, "one_per_cube", "thinning"),
+            (candidates.coarse, "coarse_search", "search of cells"),
+            (cell_search, "branch_and_bound", "search of cells"),
+            (candidates, "adjusted_candidate", "adjusting places"),
             (cell_search.CellSearch, "estimate", "judging"),
             (localizer, "validate", "refining"),
         ]
@@ -96,11 +101,6 @@ class StageTimes:
             for module, name, stage in functions:
                 stack.enter_context(mock.patch.object(module, name, self.of(stage, getattr(module, name))))
             yield
-
-
-def _kind_of_search(keywords):
-    """In large cells all that reach a share of the best are asked for; in small ones, and in given ones, the best."""
-    return "coarse search" if keywords.get("lists_all") else "fine search"
 
 
 def timed(method, points, point_map, prior):

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from maxcon import Accumulator, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust, cell_search
-from maxcon.cell_search import CellSearch
+from maxcon.cell_search import BestCell, CellSearch, is_at_boundary
 from maxcon.integrity import reasons_to_doubt_answer
-from maxcon.search.coarse_to_fine import BestCell
 
 CELL = 0.06
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -44,17 +43,12 @@ def test_the_search_that_is_asked_for_is_made(corner, monkeypatch):
     assert bounded.best(*corner, HERE, SPACE).score == wanted.score > 1.0
 
 
-@pytest.mark.parametrize(("more", "is_coarse_to_fine"), [(-1, True), (0, False), (1, False)])
-def test_only_open_spaces_of_more_than_a_few_cells_are_searched_coarse_to_fine_and_only_with_bounds(
-    corner, monkeypatch, more, is_coarse_to_fine
-):
-    _, point_map = corner
+def test_only_open_spaces_are_searched_coarse_to_fine_and_not_exhaustively():
     bounded, exhaustive = (MaximumConsensus(search=name).cell_search for name in ("branch-and-bound", "exhaustive"))
     is_open = SearchSpace(1.0, heading_half_width_deg=2.0)
-    monkeypatch.setattr("maxcon.cell_search.FEW_CELLS", is_open.n_cells_at(CELL) + more)
-    assert bounded.is_coarse_to_fine(is_open, point_map) is is_coarse_to_fine
-    assert not exhaustive.is_coarse_to_fine(is_open, point_map)
-    assert not bounded.is_coarse_to_fine(is_open.at(CELL), point_map)
+    assert bounded.is_coarse_to_fine(is_open)
+    assert not exhaustive.is_coarse_to_fine(is_open)
+    assert not bounded.is_coarse_to_fine(is_open.at(CELL))
 
 
 def test_of_several_candidates_the_best_is_the_answer(corner, monkeypatch):
@@ -63,7 +57,7 @@ def test_of_several_candidates_the_best_is_the_answer(corner, monkeypatch):
         BestCell(one_cell, HERE.translated([x, 0.0, 0.0]), (0, 0, 0), 9.0 - x, moments, 0.1, False)
         for x in (0.0, 1.0, 2.0)
     ]
-    monkeypatch.setattr("maxcon.cell_search.best_candidates", lambda *_: found)
+    monkeypatch.setattr(CellSearch, "candidates", lambda *_: found)
     estimate = MaximumConsensus().cell_search.best(*corner, HERE, SearchSpace())
     assert (estimate.score, estimate.pose, estimate.cell) == (9.0, HERE, None)
 
@@ -174,3 +168,28 @@ def test_whoever_looked_beyond_tells_the_boundary_and_otherwise_the_cell_does(ce
     objective = Constant(5.0)
     assert judged(best_cell(cell, is_at_boundary=told), objective=objective).status is status
     assert objective.shapes == []
+
+
+@pytest.mark.parametrize(
+    ("offset", "turn_deg", "space", "is_beyond"),
+    [
+        (11.88, 0.0, SearchSpace(12.0), False),
+        (11.94, 0.0, SearchSpace(12.0), True),
+        (-11.94, 0.0, SearchSpace(12.0), False),
+        (-12.0, 0.0, SearchSpace(12.0), True),
+        (-12.3, 0.0, SearchSpace(12.0), True),
+        (0.0, 10.24, SearchSpace(12.0), False),
+        (0.0, -10.26, SearchSpace(12.0), True),
+        (0.0, 349.76, SearchSpace(12.0), False),
+        (0.03, 0.0, SearchSpace(0.0), False),
+        (0.3, 0.0, SearchSpace(0.3), True),
+        (-CELL, 0.0, SearchSpace(CELL), False),
+        (CELL, 0.0, SearchSpace(CELL), True),
+    ],
+)
+def test_the_boundary_is_the_outermost_cell_or_half_a_step_beyond_the_last_heading(offset, turn_deg, space, is_beyond):
+    for at in (0.0, 0.1, 50.0, -1234.56):  # rounding decides nothing
+        prior = replace(HERE, x=at, y=-at, heading=2.0)
+        for x, y in ((offset, 0.0), (0.0, offset)):
+            pose = replace(prior.translated([x, y, 0.0]), heading=prior.heading + math.radians(turn_deg))
+            assert is_at_boundary(pose, prior, space, CELL) is is_beyond

@@ -251,7 +251,7 @@ def with_normals(n, n_horizontal, n_upright):
     normals = np.zeros((n, 3))
     normals[:n_horizontal, 0] = 1.0
     normals[n_horizontal : n_horizontal + n_upright, 2] = 1.0
-    return Scan(np.ones((n, 3)), normals)
+    return Scan(np.arange(n)[:, None] * [1.0, 0.0, 0.0] + 1.0, normals)  # so far apart that the sample holds all
 
 
 @pytest.mark.parametrize(

@@ -21,12 +21,12 @@ TRUTH = Pose(5.0, -3.0, 1.5, 0.01, -0.02, 0.7)
 SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
 
 
-def corner(noise_deg=0.0, seed=0):
-    """Points and normals of two walls at right angles, 60 and 40 of them scanned, in map axes."""
-    rng = np.random.default_rng(seed)
-    along_x = np.column_stack([rng.uniform(0, 12, 60), np.full(60, 4.03), rng.uniform(0, 3, 60)])
-    along_y = np.column_stack([np.full(40, 14.03), rng.uniform(-9, 3, 40), rng.uniform(0, 3, 40)])
-    normals = np.concatenate([np.tile([0.0, -1.0, 0.0], (60, 1)), np.tile([-1.0, 0.0, 0.0], (40, 1))])
+def corner(noise_deg=0.0, seed=0, density=1):
+    """Points and normals of two walls at right angles, 60 and 40 of them scanned, or more, in map axes."""
+    rng, n, m = np.random.default_rng(seed), 60 * density, 40 * density
+    along_x = np.column_stack([rng.uniform(0, 12, n), np.full(n, 4.03), rng.uniform(0, 3, n)])
+    along_y = np.column_stack([np.full(m, 14.03), rng.uniform(-9, 3, m), rng.uniform(0, 3, m)])
+    normals = np.concatenate([np.tile([0.0, -1.0, 0.0], (n, 1)), np.tile([-1.0, 0.0, 0.0], (m, 1))])
     normals += rng.normal(size=normals.shape) * math.radians(noise_deg)
     return np.concatenate([along_x, along_y]), normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
@@ -48,6 +48,13 @@ def point_map(points_and_normals):
 @pytest.fixture
 def scan(points_and_normals):
     return as_scan(*points_and_normals)
+
+
+@pytest.fixture(scope="module")
+def dense():
+    """A scan and a map of walls without gaps: what is adjusted slides along them."""
+    points, normals = corner(density=300)
+    return as_scan(points[::60], normals[::60]), PointMap.from_points(points, normals, CELL)
 
 
 def prior_of(cells_x, cells_y, turn_deg):
@@ -173,8 +180,9 @@ def test_one_match_short_of_one_across_is_undetermined():
 
 
 @pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
-def test_an_answer_at_the_boundary_is_looked_for_farther_around(scan, point_map, search):
+def test_an_answer_at_the_boundary_is_looked_for_farther_around(dense, search):
     """The true pose lies 4.2 m beyond the space: the wider search finds it, and says that there is no cell of it."""
+    scan, point_map = dense
     narrow, wide = (MaximumConsensus(SPACE, search=search, wider=reach) for reach in (0.0, 6.0))
     assert not narrow.localize(scan, point_map, prior_of(-80, 0, 0)).is_localized
     last = narrow.localize(scan, point_map, prior_of(-10, 0, 0))
@@ -186,8 +194,9 @@ def test_an_answer_at_the_boundary_is_looked_for_farther_around(scan, point_map,
         np.testing.assert_allclose(estimate.pose.position, TRUTH.position, atol=2e-3)
 
 
-def test_an_answer_in_doubt_is_searched_for_again_twice_as_wide(scan, point_map):
+def test_an_answer_in_doubt_is_searched_for_again_twice_as_wide(dense):
     """The true pose lies 9 m off and is turned by 7 degrees: more than the first wider search reaches."""
+    scan, point_map = dense
     prior = prior_of(-150, 0, 7.0)
     once, grown = (MaximumConsensus(SPACE, wider=4.0, widest=widest) for widest in (0.0, 16.0))
     assert not once.localize(scan, point_map, prior).is_localized

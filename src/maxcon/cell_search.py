@@ -9,9 +9,10 @@ from functools import partial
 import numpy as np
 
 from maxcon.estimate import Estimate, Status
-from maxcon.geometry import Pose
+from maxcon.geometry import Pose, wrap_angle
 from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_answer, reasons_to_doubt_scan
 from maxcon.map import PointMap
+from maxcon.refine.candidates import Candidate, Scoring, find_candidates
 from maxcon.scan import Scan
 from maxcon.search import (
     Found,
@@ -25,14 +26,50 @@ from maxcon.search import (
     level_of,
 )
 from maxcon.search.accumulator import Accumulator, highest
-from maxcon.search.coarse_to_fine import COARSE, BestCell, best_candidates
-from maxcon.search.objectives import Bounded, Helmert, Objective
-from maxcon.search.space import SearchSpace
+from maxcon.search.coarse import CELL, STEP_DEG
+from maxcon.search.objectives import Bounded, Helmert, Moments, Objective
+from maxcon.search.space import PAPER_STEP_DEG, Cell, SearchSpace
 
 # Least ratio to the best score that is asked for, where every other candidate is to be known.
 LEAST_RATIO = 1e-6
-# An open space of fewer of the map's own cells is searched in these at once: that is as fast.
-FEW_CELLS = 8_000
+# Scores in large cells rank poses less sharply than those in small ones: a candidate that reaches so much of the asked
+# ratio is followed.
+BLUNT = 0.85
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BestCell:
+    """The best cell of a search at one height, and Helmert's score of the second best candidate over its own.
+
+    space, prior: the cells of its height, and the prior raised to it.
+    cell, score, moments: index, score and moments, shape (4,), of the cell.
+    runner_up: the ratio.
+    is_at_boundary: whether the cell lies at the boundary of the whole space; None where `space` is that.
+    share: of the points that were searched with that match; None where they are those of the thinned scan.
+    """
+
+    space: SearchSpace
+    prior: Pose
+    cell: Cell
+    score: float
+    moments: Moments
+    runner_up: float
+    is_at_boundary: bool | None = None
+    share: float | None = None
+
+    @classmethod
+    def at(cls, candidate: Candidate, point_map: PointMap, runner_up: float, *, is_at_boundary: bool) -> "BestCell":
+        """Return the cell, the only one of its space, that stands for the pose of a candidate."""
+        here = SearchSpace(0.0, heading_half_width_deg=0.0).at(point_map.cell)
+        return cls(
+            here, candidate.pose, (0, 0, 0), candidate.score, candidate.moments, runner_up, is_at_boundary,
+            candidate.share,
+        )  # fmt: skip
+
+    @property
+    def pose(self) -> Pose:
+        """T_map_sensor of the cell, local frame."""
+        return self.space.pose(self.cell, self.prior)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +85,14 @@ class CellSearch:
     trust: Trust
 
     def best(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Estimate:
-        """Return the estimate of the best cell of a space around a start."""
-        if self.is_coarse_to_fine(space, point_map):
+        """Return the estimate of the best cell of a space around a start; of an open one, of the best candidate."""
+        if self.is_coarse_to_fine(space):
             candidates = self.candidates(scan, point_map, start, space)
             if candidates:
                 return replace(self.estimate(candidates[0], scan, point_map), cell=None)
             # Nothing scores: the large cells say how many points match all the same.
+            level, cells = self.level_and_cells(space, point_map)
+            return replace(self.conclude(self.accumulate(scan, level, start, cells), scan, level), cell=None)
         level, cells = self.level_and_cells(space, point_map)
         if self.search is SearchMethod.BRANCH_AND_BOUND and self.has_bounds:
             best = self._by_bounds(scan.thinned(self.thinning), level, start, cells)
@@ -63,20 +102,35 @@ class CellSearch:
 
     def level_and_cells(self, space: SearchSpace, point_map: PointMap) -> tuple[PointMap, SearchSpace]:
         """The level of the map, and the cells, that a space is searched in; coarse to fine the coarse ones."""
-        if self.is_coarse_to_fine(space, point_map):
-            return COARSE.of(point_map), COARSE.cells(space, point_map)
+        if self.is_coarse_to_fine(space):
+            level = point_map.nearest_level(CELL)
+            return level, space.at(level.cell, STEP_DEG)
         cells = space.at(point_map.cell)
         return level_of(point_map, cells), cells
 
-    def is_coarse_to_fine(self, space: SearchSpace, point_map: PointMap) -> bool:
-        """Whether a space is searched in a level of the map first: an open one of more than a few cells."""
-        is_free = space.is_open and self.search is SearchMethod.BRANCH_AND_BOUND
-        return is_free and space.n_cells_at(point_map.cell) > FEW_CELLS
+    def is_coarse_to_fine(self, space: SearchSpace) -> bool:
+        """Whether a space is searched in large cells first, whose candidates are adjusted: an open one."""
+        return space.is_open and self.search is SearchMethod.BRANCH_AND_BOUND
 
     def candidates(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
-        """Candidates of an open space, the best first: see `best_candidates`."""
-        search = self._branch_and_bound(self.objective)
-        return best_candidates(search, scan.thinned(self.thinning), point_map, start, space, self._asked_ratio)
+        """Candidates of an open space, the highest score first; none where nothing scores.
+
+        `runner_up` is a ratio by Helmert's score: of the highest other candidate, or that below which large cells were
+        not followed.
+        """
+        scoring = Scoring(self.objective, Multiplicity(self.multiplicity), Weighting(self.weighting))
+        ratio = BLUNT * self._asked_ratio
+        found, rest = find_candidates(scan, point_map, start, space, ratio, scoring, self.n_threads)
+        scores = [float(Helmert().score(each.moments)) for each in found]
+        return [
+            BestCell.at(
+                each,
+                point_map,
+                max([rest * score, *scores[:k], *scores[k + 1 :]]) / score if score > 0.0 else math.inf,
+                is_at_boundary=is_at_boundary(each.pose, start, space, point_map.cell),
+            )
+            for k, (each, score) in enumerate(zip(found, scores, strict=True))
+        ]
 
     def accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:
         """Moments of every cell of a space around a start, of several heights those of the best."""
@@ -103,15 +157,16 @@ class CellSearch:
 
     def estimate(self, best: BestCell, scan: Scan, point_map: PointMap) -> Estimate:
         """Return the estimate of a best cell: how far it may be trusted, and what casts doubt on it."""
-        searched = scan.thinned(self.thinning)
         _, nxx, nxy, nyy = (float(moment) for moment in best.moments)
         is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
-        share = self._matched_ratio(best, searched, point_map)
-        is_at_boundary = best.is_at_boundary
-        if is_at_boundary is None:
-            is_at_boundary = best.space.is_at_boundary(best.cell) or self._is_higher_beyond(best, searched, point_map)
+        is_beyond, share = best.is_at_boundary, best.share
+        if share is None:
+            share = self._matched_ratio(best, scan.thinned(self.thinning), point_map)
+        if is_beyond is None:
+            searched = scan.thinned(self.thinning)
+            is_beyond = best.space.is_at_boundary(best.cell) or self._is_higher_beyond(best, searched, point_map)
         status = self.trust.status_of_cell(
-            is_determined=is_determined, share=share, is_at_boundary=is_at_boundary, runner_up=best.runner_up
+            is_determined=is_determined, share=share, is_at_boundary=is_beyond, runner_up=best.runner_up
         )
         reasons = reasons_to_doubt_scan(scan, best.prior)
         if self.multiplicity == Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches
@@ -169,3 +224,15 @@ class CellSearch:
             return float(best.moments[0]) / len(scan)
         here = SearchSpace(half_width=0.0, heading_half_width_deg=0.0)
         return float(exhaustive(scan, point_map, best.pose, here).moments[0, 0, 0, 0]) / len(scan)
+
+
+def is_at_boundary(pose: Pose, prior: Pose, space: SearchSpace, cell: float) -> bool:
+    """Whether a pose lies in the outermost cell of a space, or beyond."""
+    offsets = (pose.x - prior.x, pose.y - prior.y)
+    turn_deg = math.degrees(abs(wrap_angle(pose.heading - prior.heading)))
+    # Offsets run from -half_width to half_width - cell; half a cell, so that rounding decides nothing. Of two columns
+    # none is an inner one: only what lies beyond them is far then.
+    margin = 0.5 * cell if space.half_width > 1.5 * cell else -0.5 * cell
+    is_low, is_high = min(offsets) < margin - space.half_width, max(offsets) > space.half_width - cell - margin
+    is_far = space.half_width > 0.0 and (is_low or is_high)
+    return is_far or turn_deg > space.heading_half_width_deg + 0.5 * PAPER_STEP_DEG

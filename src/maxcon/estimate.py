@@ -87,9 +87,8 @@ class Estimate:
     runner_up : float
         Helmert's score of the second best candidate, farther than a guard radius away, over that of the best cell: near
         0 where the answer is distinct, near 1 where it is ambiguous. By bounds in given cells it is what was proved: no
-        other scores more than this, exact where that is too much to be trusted. Coarse to fine it is the highest of the
-        candidates searched in small cells; or the ratio that large cells proved of all others, by the objective of the
-        search, even if that is not Helmert's (D11).
+        other scores more than this, exact where that is too much to be trusted. In an open space it is the highest of
+        the candidates that were adjusted; or the ratio that large cells proved of all others (D11).
     reason : str
         Why the answer, of whatever status, is to be doubted: what is unusual about the scan or about the matches that
         carry it, in words; empty if nothing is.

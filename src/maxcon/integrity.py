@@ -121,8 +121,8 @@ def reasons_to_doubt_scan(scan: Scan, prior: Pose) -> list[str]:
     from maxcon.scan.normal_kernels import count_normals
 
     up = rotation_matrices(prior.roll, prior.pitch, 0.0)[2]
-    n_normals, n_horizontal = count_normals(scan.normals, up, HORIZONTAL)
-    share, horizontal = n_normals / n_points, n_horizontal / n_points
+    n_normals, n_horizontal = count_normals(scan.sample.normals, up, HORIZONTAL)
+    share, horizontal = n_normals / len(scan.sample), n_horizontal / len(scan.sample)
     if share >= FEWEST_NORMALS and horizontal >= FEWEST_HORIZONTAL:
         return []
     level = "none horizontal" if n_horizontal == 0 else f"horizontal ones on {100.0 * horizontal:.1f} %"

@@ -22,6 +22,7 @@ from maxcon.geometry import Pose
 from maxcon.integrity import Trust
 from maxcon.map import PointMap
 from maxcon.refine import validate
+from maxcon.refine.adjustment import LAST_PASSES, PASSES
 from maxcon.refine.ground import GroundFit, fit_ground
 from maxcon.scan import Scan
 from maxcon.search import Multiplicity, SearchMethod, Weighting, level_of
@@ -43,7 +44,8 @@ class MaximumConsensus:
     ----------
     space : SearchSpace
         The candidate poses around each prior; 12 m and 10 degrees if not given. An open space, without a cell, is
-        searched coarse to fine: in a level of the map first, then in the map's own cells around the candidates.
+        searched coarse to fine: in large cells of a level of the map first, whose candidates are then adjusted to the
+        map.
         One with a cell is searched in these cells alone, `SearchSpace.paper()` in the paper's.
     objective : Objective or {"helmert", "count", "max-eigenvalue"}
         What a cell is worth; Helmert's point error if not given. Any object with ``score(moments)``.
@@ -59,14 +61,14 @@ class MaximumConsensus:
     search : {"branch-and-bound", "exhaustive"}
         How the best cell is found; in given cells it is the same one. Branch and bound takes a fraction of the time. Of
         the second best it proves what `trust` asks for, not what it scores. An objective without bounds
-        (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively. "exhaustive" scores every cell; of an open
+        (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively there. "exhaustive" scores every cell; of an open
         space all of the map's own.
     thinning : float
-        One point of the scan is searched with in each cube of this edge, m; 0 for all, as published. Near surfaces
-        have most of the points, and would outvote the far ones.
+        Given cells are searched with one point of the scan in each cube of this edge, m; 0 for all, as published. Near
+        surfaces have most of the points, and would outvote the far ones.
     refinement : bool
         Whether the pose of the best cell is adjusted to the surfaces of the map and validated there, and a covariance
-        given. Without, the answer is the cell, as published.
+        given. Without, the answer is the cell, as published; of an open space the candidate.
     wider : float
         Where an answer is in doubt, all poses within so much of it along x and y are searched too, coarse to fine, m;
         0 for never, as where the prior is certain to hold the true pose.
@@ -193,9 +195,11 @@ class MaximumConsensus:
         """Align an answer to its ground, adjust and validate it; search farther around where it is in doubt (D12)."""
         if not self.refinement:
             return found if ground is None else replace(found, pose=ground.pose)
-        # A street that leaves a direction open does so from farther around too.
-        is_street = found.status is Status.UNDETERMINED and found.share >= self.trust.least_share
-        validated = validate(found, ground, scan, point_map, self.trust, self.risk)
+        # A street that leaves a direction open does so from farther around too; a wall in a small window may not.
+        is_wide = self.space.half_width >= self.wider
+        is_street = is_wide and found.status is Status.UNDETERMINED and found.share >= self.trust.least_share
+        passes = LAST_PASSES if self.cell_search.is_coarse_to_fine(self.space) else PASSES
+        validated = validate(found, ground, scan, point_map, self.trust, self.risk, passes=passes)
         if validated.is_localized or is_street:
             return validated
         return self._search_wider(validated, start, scan, point_map)
@@ -237,23 +241,20 @@ class MaximumConsensus:
         if it is localized; otherwise it is one more reason to doubt.
         """
         around = replace(doubted.pose, heading=start.heading)  # a wrong pose has a wrong heading
-        wide = self.cell_search if self.cell_search.has_bounds else replace(self.cell_search, objective=Helmert())
-        candidates = wide.candidates(scan, point_map, around, space)
+        candidates = self.cell_search.candidates(scan, point_map, around, space)
         if not candidates:
             return doubted
-        best = candidates[0]
-        found = wide.estimate(best, scan, point_map)
+        found = self.cell_search.estimate(candidates[0], scan, point_map)
         found, ground = self._on_ground(found, found.pose, scan, point_map)
         moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
         is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
-        validated = validate(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
+        validated = validate(
+            found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same, passes=LAST_PASSES
+        )
         if not (is_same or validated.is_localized):
             reason = f"from farther around another place, {moved:.1f} m away, fits better"
             return replace(doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True)
-        score = (
-            validated.score if self.cell_search.has_bounds else float(self.cell_search.objective.score(best.moments))
-        )
-        return replace(validated, score=score, cell=doubted.cell if is_same else None, was_widened=True)
+        return replace(validated, cell=doubted.cell if is_same else None, was_widened=True)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell; of several heights those of the best. What `conclude` decides on, and what plots show.

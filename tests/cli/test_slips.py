@@ -23,7 +23,7 @@ def localized(localize, drive, tmp_path):
             prior = tmp_path / name
             lines = [header] if name.endswith(".csv") else []
             prior.write_text("\n".join([*lines, *rows]) + "\n")
-        narrow = ("--half-width", "3", "--heading-half-width-deg", "3", "--wider", "0", "--overwrite")
+        narrow = ("--half-width", "2.6", "--heading-half-width-deg", "3", "--wider", "0", "--overwrite")
         return localize(*narrow, prior=prior, scans=scans)
 
     return run

@@ -22,6 +22,7 @@ from maxcon.refine import (
     validate,
     validation,
 )  # fmt: skip
+from maxcon.refine.adjustment import PASSES
 
 HERE = Pose(0.2, -0.1, 1.6, 0.0, 0.0, 0.3)
 ON_GROUND = replace(HERE, z=1.55, roll=0.01)
@@ -96,7 +97,8 @@ def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_re
 )
 def test_the_ground_tells_no_more_than_map_and_walls_agree_on(asked, room, fit, height_sigma, tilt_sigma):
     answer = validate(found(), fit, seen(room, 3000), room[2], Trust(), RISK)
-    assert asked == [(HERE if fit is None else ON_GROUND, {"height_sigma": height_sigma, "tilt_sigma": tilt_sigma})]
+    sigmas = {"height_sigma": height_sigma, "tilt_sigma": tilt_sigma}
+    assert asked == [(HERE if fit is None else ON_GROUND, sigmas | {"passes": PASSES})]
     assert answer.is_localized
     assert answer.pose.position[:2] == pytest.approx(HERE.position[:2], abs=0.01)
     assert np.isfinite(answer.covariance).all() and np.isfinite(answer.protection_level).all()

@@ -117,3 +117,20 @@ def test_by_lot_the_middle_of_a_noisy_wall_stays_where_it_is():
         off.append(x[one_per_cube(points, normals, 0.4, by_lot=True)].mean() - distance)
     assert np.abs(off).max() < 0.006
     assert abs(np.mean(off)) < 0.0005
+
+
+def test_a_sample_has_the_normals_of_the_whole_scan_whatever_the_order_of_its_points():
+    rng = np.random.default_rng(3)
+    points = np.column_stack([rng.uniform(3.0, 12.0, 4000), np.full(4000, 5.0), rng.uniform(-1.0, 3.0, 4000)])
+    points += rng.normal(0.0, 0.01, points.shape)
+    scan, order = Scan(points), rng.permutation(len(points))
+    rows = {tuple(point): normal for point, normal in zip(scan.points, scan.normals, strict=True)}
+    sample, again = Scan(points).sample, Scan(points[order]).sample
+    assert len(sample) == len(np.unique(sample.points, axis=0)) < 0.2 * len(points)
+    assert all(
+        (rows[tuple(point)] == normal).all() for point, normal in zip(sample.points, sample.normals, strict=True)
+    )
+    both = (np.lexsort(each.points.T) for each in (sample, again))
+    assert all((a[k] == b[m]).all() for k, m in [tuple(both)] for a, b in [(sample.points, again.points)])
+    given = Scan(points, scan.normals).sample
+    assert (given.points == sample.points).all() and (given.normals == sample.normals).all()

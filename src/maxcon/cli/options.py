@@ -127,7 +127,9 @@ class MethodOptions(OptionGroup, title="Method"):
         " where it is 0 then; or one.",
     )
     thinning: float = flag(
-        0.25, "Search with one point of the scan in each cube of this edge, m; 0: all, as published.", metavar="M"
+        0.25,
+        "With --cell: search with one point of the scan in each cube of this edge, m; 0: all, as published.",
+        metavar="M",
     )
     search: Literal["exhaustive", "branch-and-bound"] = flag(
         "branch-and-bound", "How the best cell is found; it is the same one."

@@ -169,7 +169,7 @@ def find_candidates(
         return []
     if best.runner_up <= ratio:
         return [_at_peak(best.pose, 1.0)]
-    if asked.cell_search.is_coarse_to_fine(space, point_map):
+    if asked.cell_search.is_coarse_to_fine(space):
         found = asked.cell_search.candidates(scan, point_map, prior.with_height_and_tilt_of(best.pose), space)
         worth = [float(Helmert().score(each.moments)) for each in found[:MOST_HYPOTHESES]]
         ratios = [score / max(worth) for score in worth] if max(worth, default=0.0) > 0.0 else []

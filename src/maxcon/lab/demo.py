@@ -5,6 +5,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -63,11 +64,13 @@ PAPER = SearchSpace.paper()
 MAPPING_WAIT = 10.0
 """The mapping vehicle stands before a red light for so long, s: the map is denser there, as real ones are."""
 
+ALONE = partial(MaximumConsensus, PAPER, wider=0.0)  # what the objective finds by itself
+
 DEMO_METHODS = (
-    DemoMethod("Count, every map point", "count-points", MaximumConsensus(PAPER, Count(), multiplicity="points")),
-    DemoMethod("Helmert, every map point", "helmert-points", MaximumConsensus(PAPER, Helmert(), multiplicity="points")),
-    DemoMethod("Count, a voxel once", "count-occupied", MaximumConsensus(PAPER, Count())),
-    DemoMethod("Helmert, a voxel once", "helmert-occupied", MaximumConsensus(PAPER, Helmert())),
+    DemoMethod("Count, every map point", "count-points", ALONE(Count(), multiplicity="points")),
+    DemoMethod("Helmert, every map point", "helmert-points", ALONE(Helmert(), multiplicity="points")),
+    DemoMethod("Count, a voxel once", "count-occupied", ALONE(Count())),
+    DemoMethod("Helmert, a voxel once", "helmert-occupied", ALONE(Helmert())),
 )
 
 

@@ -28,7 +28,7 @@ def n_bits(word):
     return (((word + (word >> FOUR)) & BYTES) * ONES) >> TOP_BYTE
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def find_patch(x, y, z, table):
     """Number of the patch that holds voxel (x, y, z), among those of all tiles; -1 where there is none."""
     rows, grid, corner, layers, held, numbers = table[:6]
@@ -62,7 +62,7 @@ def find_in_patch(x, y, patch, table):
     return firsts[word] + np.int64(n_bits(voxels & ((ONE << bit) - ONE)))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def is_near_voxels(place, reaches, table):
     """Whether voxels that lie within some reaches of a place may be held at all: False is certain, True is not.
 

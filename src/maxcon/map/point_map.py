@@ -29,6 +29,7 @@ from maxcon.map.layout import (
     TileKey,
     check_sigma,
 )
+from maxcon.map.normal_grid import NormalGrid, grid_extent
 from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTable, VoxelTile, grid_of_rows, voxel_table
 from maxcon.map.voxelize import voxelize
 
@@ -74,6 +75,7 @@ class PointMap:
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
         self._levels: dict[int, PointMap] = {}
         self._table: tuple[dict[TileKey, int], VoxelTable] = {}, ()
+        self._normal_grid: NormalGrid | None = None
         self._made_by: tuple[Callable[..., PointMap], tuple[Any, ...]] | None = None
         self._prefetch: Callable[[Iterable[TileKey]], None] | None = None
 
@@ -170,6 +172,10 @@ class PointMap:
             self._levels.setdefault(factor, level)  # the first one, where several threads ask at once
         return self._levels[factor]
 
+    def nearest_level(self, cell: float) -> PointMap:
+        """Return the level whose voxel edge comes nearest to `cell` (m), by ratio."""
+        return self.level(min(LEVEL_FACTORS, key=lambda factor: abs(math.log(factor * self.cell / cell))))
+
     @property
     def tile_keys(self) -> frozenset[TileKey]:
         """Keys of all tiles, loaded or not."""
@@ -183,6 +189,17 @@ class PointMap:
     def ground_around(self, x: float, y: float, reach: float) -> GroundPatch:
         """Heights of the ground in the square of half width `reach` (m) around (x, y), local frame, m."""
         return ground_patch(self._ground, self.cell, x, y, reach)
+
+    def normals_around(self, x: float, y: float, reach: float, z: tuple[float, float]) -> NormalGrid:
+        """Normals of at least the voxels in the square of half width `reach` around (x, y) and between two heights.
+
+        Local frame, m. The last grid is kept: the next epoch of a drive needs the same one.
+        """
+        low, high = grid_extent(self.cell, self.tile_voxels, x, y, reach, z)
+        kept = self._normal_grid
+        if kept is None or not kept.covers(low, high):
+            kept = self._normal_grid = NormalGrid.of(self.tiles_within(x, y, reach), self.cell, low, high)
+        return kept
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:

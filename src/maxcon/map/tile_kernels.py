@@ -197,3 +197,41 @@ def merge(columns, layers, counts, normals, means, edge, factor, is_signed):
         to_columns[last].copy(), to_layers[last].copy(), to_counts[last].copy(), to_normals[last].copy(),
         to_means[last].copy(),
     )  # fmt: skip
+
+
+@njit(nogil=True, cache=True)
+def add_products(normals, tensor):
+    """Add the products xx, xy and yy of normals, (n, 3) float32, to a tensor, (2, 2)."""
+    xx = xy = yy = 0.0
+    for i in range(normals.shape[0]):
+        a, b = np.float64(normals[i, 0]), np.float64(normals[i, 1])
+        xx += a * a
+        xy += a * b
+        yy += b * b
+    tensor[0, 0] += xx
+    tensor[0, 1] += xy
+    tensor[1, 0] += xy
+    tensor[1, 1] += yy
+
+
+@njit(nogil=True, cache=True)
+def fill_normals(columns, layers, normals, corner, shape, axis, grid, along, across):
+    """Write the normals of a tile's voxels into dense grids.
+
+    columns : (n, 2) int16, layers : (n,) int32, normals : (n, 3) float32, of a `VoxelTile`; corner : (3,) int64, index
+    of the tile's first column in the grid, and what to add to a layer; shape : (nz, ny, nx) of the grids; axis : (2,),
+    a unit vector; grid : (n, 2) int8, along, across : (n,) uint8, out, as of a `NormalGrid`.
+    """
+    nz, ny, nx = shape
+    factor = 64.0 / 127.0**2 * (1.0 + 1e-9)
+    for i in range(layers.shape[0]):
+        x, y, z = columns[i, 0] + corner[0], columns[i, 1] + corner[1], layers[i] + corner[2]
+        if z < 0 or z >= nz or y < 0 or y >= ny or x < 0 or x >= nx:
+            continue
+        a, b = np.round(127.0 * normals[i, 0]), np.round(127.0 * normals[i, 1])
+        if a == 0.0 and b == 0.0:
+            continue
+        u, v = a * axis[0] + b * axis[1], b * axis[0] - a * axis[1]
+        place = (z * ny + y) * nx + x
+        grid[place, 0], grid[place, 1] = np.int8(a), np.int8(b)
+        along[place], across[place] = np.uint8(np.ceil(factor * u * u)), np.uint8(np.ceil(factor * v * v))

@@ -3,6 +3,7 @@
 """Adjustment of a pose to the surfaces of the map: robust, point to plane, all six unknowns; and its covariance."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,12 +12,10 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.map import PointMap
-from maxcon.scan import Scan, one_per_cube
+from maxcon.map.tile import VoxelTable
+from maxcon.scan import Scan
 
 __all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "covariance", "map_covariance", "refine"]
-
-THINNING = 0.4
-"""Edge, m, of the cubes of which one point each is used: more points cost time and make no pose better."""
 
 
 class Pass(NamedTuple):
@@ -33,16 +32,25 @@ class Pass(NamedTuple):
     every: int
 
 
-# At first few points and distant partners, for starts that are off by a cell and half a heading step; then near ones.
+# From large cells, which are off by up to a metre and 1.6 degrees: few points, and distant partners at first.
+FROM_LARGE_CELLS = (
+    Pass(9, 5, gate=1.0, every=8),
+    Pass(9, 5, gate=1.0, every=8),
+    Pass(9, 5, gate=0.6, every=8),
+    Pass(5, 3, gate=0.36, every=8),
+    Pass(5, 3, gate=0.21, every=8),
+)
+LAST_PASSES = (Pass(4, 2, gate=0.21, every=1), Pass(2, 1, gate=0.21, every=0), Pass(2, 1, gate=0.21, every=0))
+# From small cells, which are off by an edge and half a heading step.
 PASSES = (
     Pass(5, 3, gate=0.6, every=8),
     Pass(5, 3, gate=0.36, every=8),
     Pass(5, 3, gate=0.36, every=8),
     Pass(5, 3, gate=0.21, every=8),
-    Pass(4, 2, gate=0.21, every=1),
-    Pass(2, 1, gate=0.21, every=0),
-    Pass(2, 1, gate=0.21, every=0),
+    *LAST_PASSES,
 )
+FEWEST_OF_MANY = 200
+"""Of a scan so small that fewer points would be left, more than one of `every` are used."""
 STEPS_PER_PASS = 2
 AT_REST = 1e-4
 """A pass ends with a step that moves by less than this, m, and turns by less than a hundredth of it, rad."""
@@ -110,7 +118,13 @@ class Refined:
 
 
 def refine(
-    scan: Scan, point_map: PointMap, start: Pose, *, height_sigma: float = HEIGHT_SIGMA, tilt_sigma: float = TILT_SIGMA
+    scan: Scan,
+    point_map: PointMap,
+    start: Pose,
+    *,
+    height_sigma: float = HEIGHT_SIGMA,
+    tilt_sigma: float = TILT_SIGMA,
+    passes: Sequence[Pass] = PASSES,
 ) -> Refined:
     """Adjust a pose to the map: minimize the weighted squares of point-to-plane distances n . r, in all six unknowns.
 
@@ -119,33 +133,62 @@ def refine(
     mean is nearest. Planes go through the means of the map points in voxels, not through voxel centres. Partners are
     looked for anew as the pose moves; weights are Tukey's, zero from a distance of 0.21 m on.
 
-    scan: all its points, with normals, sensor frame.
+    scan: sensor frame; its `sample` is used.
     point_map: the map.
     start: T_map_sensor to start from, local frame, within some 0.2 m and a degree.
     height_sigma, tilt_sigma: standard deviations of the start's height, m, and of its roll and pitch, rad.
+    passes: the last one with the gate of 0.21 m.
     """
+    from maxcon.refine import kernels
+
+    sample = scan.sample
+    points, normals = sample.points, sample.normals
+    start_weights = weights_of_start(height_sigma, tilt_sigma)
+    unknowns, planes = adjusted(
+        sample, point_map, table_around(sample, point_map, [start]), start, start_weights, passes
+    )
+    normal_matrix, residuals, weights = np.empty((6, 6)), np.empty(len(points)), np.empty(len(points))
+    kernels.weigh(points, planes, unknowns, passes[-1].gate, normal_matrix, residuals, weights)
+    moved, turned = math.hypot(unknowns[0] - start.x, unknowns[1] - start.y), abs(unknowns[5] - start.heading)
+    return Refined(
+        Pose(*unknowns.tolist()), points, normals, planes, residuals, weights, normal_matrix, start_weights, moved,
+        turned,
+    )  # fmt: skip
+
+
+def weights_of_start(height_sigma: float, tilt_sigma: float) -> NDArray[np.float64]:
+    """What the start, being an observation too, adds to the diagonal of the normal matrix, shape (6,)."""
+    sigmas = [POSITION_SIGMA, POSITION_SIGMA, height_sigma, tilt_sigma, tilt_sigma, HEADING_SIGMA]
+    return (MATCH_SIGMA / np.array(sigmas)) ** 2
+
+
+def adjusted(
+    sample: Scan,
+    point_map: PointMap,
+    table: VoxelTable,
+    start: Pose,
+    start_weights: NDArray[np.float64],
+    passes: Sequence[Pass],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unknowns, (6,), of a pose adjusted in some passes, and the planes of the points, (n, 4)."""
     from maxcon.refine import kernels, partner_kernels
 
-    kept = one_per_cube(scan.points, scan.normals, THINNING, by_lot=True)
-    points, normals = scan.points.take(kept, axis=0), scan.normals.take(kept, axis=0)
-    placed = points @ start.rotation.T + start.position
-    table = point_map.table_of(point_map.keys_around(placed[:, :2], REACH))  # of all voxels that can be partners
-    planes, residuals, weights = np.zeros((len(points), 4)), np.empty(len(points)), np.empty(len(points))
-    sigmas = [POSITION_SIGMA, POSITION_SIGMA, height_sigma, tilt_sigma, tilt_sigma, HEADING_SIGMA]
-    normal_matrix, start_weights = np.empty((6, 6)), (MATCH_SIGMA / np.array(sigmas)) ** 2
     first = start.values
-    unknowns = first.copy()
-    for each in PASSES:
+    unknowns, planes = first.copy(), np.zeros((len(sample), 4))
+    for each in passes:
+        every = min(each.every, max(1, len(sample) // FEWEST_OF_MANY))
         partner_kernels.find_partners(
-            points, normals, unknowns, each.every, point_map.cell, (each.along, each.around), LEAST_COSINE,
-            point_map.is_signed, table, planes,
+            sample.points, sample.normals, unknowns, every, point_map.cell, (each.along, each.around),
+            LEAST_COSINE, point_map.is_signed, table, planes,
         )  # fmt: skip
-        kernels.adjust(points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_PASS, AT_REST)
-    kernels.weigh(points, planes, unknowns, PASSES[-1].gate, normal_matrix, residuals, weights)
-    return Refined(
-        Pose(*unknowns.tolist()), points, normals, planes, residuals, weights, normal_matrix, start_weights,
-        moved=math.hypot(unknowns[0] - first[0], unknowns[1] - first[1]), turned=abs(unknowns[5] - first[5]),
-    )  # fmt: skip
+        kernels.adjust(sample.points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_PASS, AT_REST)
+    return unknowns, planes
+
+
+def table_around(sample: Scan, point_map: PointMap, poses: Sequence[Pose]) -> VoxelTable:
+    """The voxels among which the points of a scan can have partners, near some poses."""
+    placed = [sample.points @ pose.rotation[:2].T + pose.position[:2] for pose in poses]
+    return point_map.table_of(point_map.keys_around(np.concatenate(placed), REACH))
 
 
 def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:

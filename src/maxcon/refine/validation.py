@@ -3,6 +3,7 @@
 """Validation after refinement (D12): a best cell adjusted to the map, and whether walls of scan and map agree there."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from maxcon.estimate import Estimate, Status
 from maxcon.integrity import Trust, protection_level
 from maxcon.map import PointMap
-from maxcon.refine.adjustment import HEIGHT_SIGMA, TILT_SIGMA, Refined, covariance, refine
+from maxcon.refine.adjustment import HEIGHT_SIGMA, PASSES, TILT_SIGMA, Pass, Refined, covariance, refine
 from maxcon.refine.ground import GroundFit
 from maxcon.scan import Scan
 
@@ -35,6 +36,7 @@ def validate(
     risk: float,
     *,
     is_confirmed: bool = False,
+    passes: Sequence[Pass] = PASSES,
 ) -> Estimate:
     """Adjust the pose of a best cell to the surfaces of the map, and judge it once more.
 
@@ -46,6 +48,7 @@ def validate(
     trust: from where on the answer is not trusted.
     risk: of an error larger than the protection level.
     is_confirmed: whether a wider search found the same place.
+    passes: of the adjustment; the last ones suffice for a candidate that is adjusted already.
     Returns with a refined pose, covariance and protection level where it is localized still, with a reason where not.
     """
     start = found.pose if ground is None else ground.pose
@@ -55,7 +58,7 @@ def validate(
     if ground is not None:
         height_sigma = max(ground.sigma_height, GROUND_HEIGHT_SIGMA)
         tilt_sigma = max(ground.sigma_tilt, GROUND_TILT_SIGMA)
-    refined = refine(scan, point_map, start, height_sigma=height_sigma, tilt_sigma=tilt_sigma)
+    refined = refine(scan, point_map, start, height_sigma=height_sigma, tilt_sigma=tilt_sigma, passes=passes)
     walls = least_wall_share(refined)
     status = trust.status_of_pose(
         n_planes=refined.n_planes,

@@ -18,7 +18,6 @@ from maxcon.errors import MapError
 from maxcon.map import PointMap, TileKey
 from maxcon.map.tile import TileCache
 from maxcon.relocalization.kernels import BLOCK, N_BLOCKS, REGION
-from maxcon.search.coarse_to_fine import Level
 
 if TYPE_CHECKING:
     from maxcon.map.ground import GroundPatch
@@ -43,6 +42,14 @@ REACH = 84.0
 BORDER = 3
 # Tiles and regions are kept up to these sizes in all; the ones used longest ago go first.
 TILE_BYTES, REGION_BYTES = 2**27, 2**28
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Cell edge of a search in a level of the map, and edge of the cubes of the thinned scan, m."""
+
+    cell: float
+    thinning: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +83,7 @@ class CoarseTiles:
                 " Build it anew of clouds whose ground is classified, or localize with a prior."
             )
         self.map = point_map
-        self.level = level.of(point_map)
+        self.level = point_map.nearest_level(level.cell)
         self.edge = self.level.tile_voxels
         """Cells along an edge of a tile."""
         self.cell = self.level.cell

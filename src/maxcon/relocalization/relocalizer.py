@@ -5,8 +5,8 @@
 1. In cells of about a metre, all cells of the map that match nearly as many points as the best one: an exact branch and
    bound over counts (`coarse_filter.filter_cells`).
 2. Around each of these, counts in cells half as large (`coarse_filter.recount`).
-3. Around the best of those, a search in the map's own cells by Helmert's score. The best place is refined and validated
-   as in a search around a prior; all other places of the map are its rivals.
+3. The best of those are adjusted to the map, and scored by Helmert's score there. The best place is validated as in a
+   search around a prior; all other places of the map are its rivals.
 """
 
 import copy
@@ -15,24 +15,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maxcon.cell_search import CellSearch
+from maxcon.cell_search import BestCell, CellSearch
 from maxcon.errors import MapError, OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import Trust, reasons_to_doubt_scan
 from maxcon.map import PointMap
-from maxcon.refine import fit_ground, fit_ground_plane, pose_above_ground, refine, validate
-from maxcon.relocalization.coarse_filter import HEADINGS, STEP_DEG, Candidates, CoarseScan, filter_cells, recount
-from maxcon.relocalization.coarse_map import Area, CoarseTiles, Regions
+from maxcon.refine import fit_ground, fit_ground_plane, pose_above_ground, validate
+from maxcon.refine.adjustment import FROM_LARGE_CELLS, LAST_PASSES
+from maxcon.refine.candidates import Candidate, Scoring, adjusted_candidate, distinct
+from maxcon.relocalization.coarse_filter import HEADINGS, Candidates, CoarseScan, filter_cells, recount
+from maxcon.relocalization.coarse_map import Area, CoarseTiles, Level, Regions
 from maxcon.scan import Scan
-from maxcon.search import Incumbent, branch_and_bound, exhaustive
 from maxcon.search.accumulator import Multiplicity, SearchMethod, Weighting, check_threads
-from maxcon.search.coarse_to_fine import BestCell, Level, distinct_candidates
 from maxcon.search.objectives import Helmert
-from maxcon.search.space import SearchSpace
 
-COARSE = Level(0.96, STEP_DEG, 2.0)
-HALF = Level(0.48, 0.5 * STEP_DEG, 1.0)
+COARSE = Level(0.96, 2.0)
+HALF = Level(0.48, 1.0)
 # Places that may reach this ratio to the best score are followed; less, where an answer is ambiguous from a lower ratio
 # on. For FOLLOWED, large cells that reach COARSE_RATIO of the highest count are kept, and half as large ones that reach
 # HALF_RATIO of theirs: true places reached these ratios.
@@ -43,10 +42,7 @@ MOST_COARSE, MOST_HALF = 512, 64
 # Cells that lie nearer to each other are one place: large ones and half as large ones, m and degrees.
 SAME_COARSE, SAME_COARSE_DEG = 1.5, 4.5
 SAME_HALF, SAME_HALF_DEG = 0.8, 2.5
-# The map's own cells are searched so far around a place, m and degrees, and again around a best cell at the boundary.
-AROUND, AROUND_DEG = 0.48, 1.5
-MOST_CLIMBS = 4
-THINNING = 0.25
+SCORING = Scoring(Helmert(), Multiplicity.OCCUPIED, Weighting.COSINE)
 LEAST_SHARE = 0.1
 """Least share of points that match: somewhere in a whole map a twentieth may match by chance."""
 # With fewer points above the ground than this nothing is searched.
@@ -152,7 +148,7 @@ class Relocalizer:
         candidates, n_coarse = self._candidates(scan, T_ground_sensor)
         if not candidates:
             return _nothing(scan, "few of the points are above the ground, or none matches anywhere")
-        found = self._best_cells(scan, T_ground_sensor, candidates)
+        found = self._adjusted(scan, T_ground_sensor, candidates)
         return self._concluded(scan, found, candidates, n_coarse)
 
     def _candidates(self, scan: Scan, T_ground_sensor: Pose) -> tuple[Candidates | None, int]:
@@ -165,87 +161,51 @@ class Relocalizer:
         half = recount(many, coarse, self._half).reaching(HALF_RATIO * self._followed / FOLLOWED)
         return half.distinct(SAME_HALF, math.radians(SAME_HALF_DEG), MOST_HALF), len(coarse)
 
-    def _best_cells(self, scan: Scan, T_ground_sensor: Pose, candidates: Candidates) -> list[BestCell]:
-        """The best of the map's own cells around each candidate whose score is followed, the best first."""
-        found: list[BestCell] = []
-        incumbent: Incumbent | None = None
+    def _adjusted(self, scan: Scan, T_ground_sensor: Pose, candidates: Candidates) -> list[Candidate]:
+        """Candidates adjusted to the map and scored there, the highest first, down to the ratio that is followed."""
+        found = []
         for x, y, heading in candidates.poses.tolist():
             start = pose_above_ground(self.map, x, y, heading, T_ground_sensor)
             ground = fit_ground(scan, self.map, start)
-            best = self._climbed(scan, start if ground is None else ground.pose, incumbent)
-            if best is None:
-                continue
-            found.append(best)
-            least = self._followed * best.score
-            if incumbent is None or least > incumbent.score:
-                incumbent = Incumbent(least, best.moments)
-        return distinct_candidates(found)
+            start = start if ground is None else ground.pose
+            found.append(adjusted_candidate(scan, self.map, start, FROM_LARGE_CELLS, SCORING))
+        found = distinct(found)
+        return [each for each in found if each.score > 0.0 and each.score >= self._followed * found[0].score]
 
-    def _climbed(self, scan: Scan, pose: Pose, incumbent: Incumbent | None) -> BestCell | None:
-        """Hill climbing: the best cell around a pose, again while it is at the boundary; None below `incumbent`."""
-        window = SearchSpace(AROUND, heading_half_width_deg=AROUND_DEG).at(self.map.cell)
-        for _ in range(1 + MOST_CLIMBS):
-            found = branch_and_bound(
-                scan.thinned(THINNING), self.map, pose, window, Helmert(), incumbent=incumbent, n_threads=self.n_threads
-            )
-            if found.score <= 0.0 or (incumbent is not None and found.score < incumbent.score):
-                return None
-            best = BestCell(window, pose, found.cell, found.score, found.moments, 0.0, is_at_boundary=False)
-            if not (window.is_at_boundary(found.cell) or window.is_outermost(found.cell[0])):
-                return best
-            pose = best.pose
-        return best
-
-    def _concluded(self, scan: Scan, found: list[BestCell], candidates: Candidates, n_coarse: int) -> Relocalization:
+    def _concluded(self, scan: Scan, found: list[Candidate], candidates: Candidates, n_coarse: int) -> Relocalization:
         """Judge the best place, with all others for rivals."""
         if not found:
             return _nothing(scan, "no place of the map determines x and y")
         largest = self.trust.largest_runner_up
-        # Places that were not searched in small cells are judged by their counts.
+        # Places that were not adjusted are judged by their counts.
         has_more = len(candidates) == MOST_HALF or candidates.left_out > largest
         left_out = max(candidates.left_out, self._followed) if has_more else self._followed
         rivals = [found[0], *(each for each in found[1:] if each.score > largest * found[0].score)]
         others = found[len(rivals) :]
         runner_up = max(left_out, rivals[1].score / rivals[0].score if len(rivals) > 1 else 0.0)
-        # Refinement decides which of the rivals is best; that there are rivals stays true.
+        # Adjusting to the end decides which of the rivals is best; that there are rivals stays true.
         if len(rivals) > 1:
-            rivals = sorted((self._refined(scan, each) for each in rivals), key=lambda each: -each.score)
+            rivals = [adjusted_candidate(scan, self.map, each.pose, LAST_PASSES, SCORING) for each in rivals]
+            rivals.sort(key=lambda each: -each.score)
         best, area = rivals[0], self.area
         # In the outermost large cell of the circle.
         is_at_boundary = area is not None and (
             math.hypot(best.pose.x - area.x, best.pose.y - area.y) > area.radius - self.coarse.tiles.cell
         )
-        best = replace(best, runner_up=runner_up, is_at_boundary=is_at_boundary)
         search = CellSearch(
-            Helmert(), Multiplicity.OCCUPIED, Weighting.COSINE, SearchMethod.BRANCH_AND_BOUND, THINNING,
+            SCORING.objective, SCORING.multiplicity, SCORING.weighting, SearchMethod.BRANCH_AND_BOUND, 0.0,
             self.n_threads, self.trust,
         )  # fmt: skip
-        judged = replace(search.estimate(best, scan, self.map), cell=None)
+        found_cell = BestCell.at(best, self.map, runner_up, is_at_boundary=is_at_boundary)
+        judged = replace(search.estimate(found_cell, scan, self.map), cell=None)
         ground = fit_ground(scan, self.map, judged.pose)
-        estimate = validate(judged, ground, scan, self.map, self.trust, self.risk)
+        estimate = validate(judged, ground, scan, self.map, self.trust, self.risk, passes=LAST_PASSES)
         n_others = len(rivals) - 1
         if estimate.status is Status.AMBIGUOUS:
             words = _words(n_others, has_more=has_more)
             estimate = replace(estimate, reason="; ".join(filter(None, [words, estimate.reason])))
         poses = tuple(each.pose for each in (*rivals, *others))
         return Relocalization(estimate, self.n_cells, n_coarse, len(candidates), n_others, poses)
-
-    def _refined(self, scan: Scan, best: BestCell) -> BestCell:
-        """A best cell moved to its refined pose and scored there, so that scores of places can be compared.
-
-        The middle of a cell is up to half an edge and a quarter of a degree from the true pose, differently at each
-        place: that is worth up to a fifth of a score.
-        """
-        ground = fit_ground(scan, self.map, best.pose)
-        refined = refine(scan, self.map, best.pose if ground is None else ground.pose)
-        if refined.moved > self.trust.farthest_move:
-            return best
-        here = SearchSpace(0.0, heading_half_width_deg=0.0)
-        moments = exhaustive(scan.thinned(THINNING), self.map, refined.pose, here).moments[0, 0, 0]
-        score = float(Helmert().score(moments))
-        if score < best.score:
-            return best
-        return BestCell(here.at(self.map.cell), refined.pose, (0, 0, 0), score, moments, 0.0, is_at_boundary=False)
 
     @property
     def _followed(self) -> float:

@@ -164,16 +164,16 @@ def _worthwhile_growths(grid, normals):
 
 
 @njit(nogil=True, cache=True)
-def scan_planes(points, elevations, azimuths, lowest, highest, normals):
-    """Write the normal of the plane through each point and its neighbours, turned to the sensor.
+def scan_planes(points, elevations, azimuths, lowest, highest, is_asked, normals):
+    """Write the normal of the plane through each asked point and its neighbours, turned to the sensor.
 
     points : (n, 3) float64, sensor frame, m, n > 0; elevations, azimuths : (n,), rad; lowest, highest : of the
-    elevations, rad; normals : (n, 3) float64, out, zeros where there is no plane.
+    elevations, rad; is_asked : (n,); normals : (n, 3) float64, out, zeros where there is no plane, or none is asked.
     """
     grid, order = sorted_grid(points, elevations, azimuths, lowest, highest)
     sorted_normals = np.zeros_like(points)
     last = _worthwhile_growths(grid, sorted_normals)
-    pending, n_pending = np.arange(len(order)).astype(np.uint32), len(order)
+    pending, n_pending = np.flatnonzero(is_asked[order]).astype(np.uint32), np.count_nonzero(is_asked)
     sorted_normals[:] = 0.0
     for growths in range(last + 1):
         n_pending = _fit_pending(grid, pending[:n_pending], GROWTH**growths, sorted_normals)

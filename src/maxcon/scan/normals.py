@@ -20,10 +20,13 @@ from maxcon.geometry.arrays import as_points
 from maxcon.geometry.pose import Pose
 
 
-def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def estimate_scan_normals(
+    points: NDArray[np.float64], is_asked: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
     """Unit normals of a scan's points, turned to the sensor.
 
     points: shape (n, 3); sensor frame, m, in any order, finite; the sensor is at (0, 0, 0).
+    is_asked: shape (n,); for which points; all if None. Each normal is the same whichever others are asked for.
     Returns shape (n, 3); sensor frame; zeros where the neighbours are too few, lie on one ring or on no plane (bushes,
         edges). Points of the ground mostly have none: seen at a flat angle, its rings lie too far apart.
 
@@ -40,7 +43,8 @@ def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return normals
     elevations, azimuths = elevations_of(points.ravel()), azimuths_of(points.ravel())
     lowest, highest = extremes(elevations)
-    scan_planes(points, elevations, azimuths, lowest, highest, normals)
+    asked = np.ones(len(points), np.bool_) if is_asked is None else is_asked
+    scan_planes(points, elevations, azimuths, lowest, highest, asked, normals)
     return normals
 
 
@@ -62,7 +66,7 @@ class Viewpoints:
                 f" {self.scanners.max()}."
             )
 
-    def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def normals(self, points: NDArray[np.float64], is_asked: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
         """Return unit normals, shape (n, 3), of points, shape (n, 3), m, both in the vehicle's frame.
 
         They are estimated for each scanner by itself and turned to it: a point's neighbours lie on rings around its own
@@ -72,5 +76,6 @@ class Viewpoints:
         for number, pose in enumerate(self.poses):
             rows = np.flatnonzero(self.scanners == number)
             points_sensor = (points[rows] - pose.position) @ pose.rotation
-            normals[rows] = estimate_scan_normals(points_sensor) @ pose.rotation.T
+            asked = None if is_asked is None else is_asked[rows]
+            normals[rows] = estimate_scan_normals(points_sensor, asked) @ pose.rotation.T
         return normals

@@ -15,6 +15,9 @@ from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals, read_only_view
 from maxcon.scan.normals import Viewpoints, estimate_scan_normals
 
+SAMPLE_EDGE = 0.4
+"""Edge of the cubes of `Scan.sample`, m."""
+
 
 def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """The array, contiguous and read-only: normals and thinned scans made of it are kept beside it."""
@@ -81,11 +84,30 @@ class Scan:
             return self
         if edge not in self._thinned:
             kept = one_per_cube(self.points, self.normals, edge)
-            thinned = object.__new__(Scan)  # of parts that were checked already
-            thinned.points, thinned.normals = _frozen(self.points[kept]), _frozen(self.normals[kept])
-            thinned.time, thinned.viewpoints, thinned._thinned = self.time, None, {}
-            self._thinned[edge] = thinned
+            self._thinned[edge] = self._part(self.points[kept], self.normals[kept])
         return self._thinned[edge]
+
+    @cached_property
+    def sample(self) -> Scan:
+        """One of the points, drawn by lot, in each cube of `SAMPLE_EDGE`, with their normals.
+
+        Points are drawn before normals are known: these are estimated for them alone, from all points around. More
+        points cost time and make no pose better.
+        """
+        kept = one_per_cube(self.points, np.zeros_like(self.points), SAMPLE_EDGE, by_lot=True)
+        if "normals" in self.__dict__:
+            return self._part(self.points[kept], self.normals[kept])
+        is_asked = np.zeros(len(self), np.bool_)
+        is_asked[kept] = True
+        estimate = estimate_scan_normals if self.viewpoints is None else self.viewpoints.normals
+        return self._part(self.points[kept], estimate(self.points, is_asked)[kept])
+
+    def _part(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> Scan:
+        """A scan of some of the points, which were checked already."""
+        part = object.__new__(Scan)
+        part.points, part.normals = _frozen(points), _frozen(normals)
+        part.time, part.viewpoints, part._thinned = self.time, None, {}
+        return part
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy, perhaps in another process: its arrays are read-only again."""

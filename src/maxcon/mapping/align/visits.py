@@ -16,8 +16,8 @@ from maxcon.map import PointMap, TileKey
 from maxcon.mapping.align.passes import Corrections, pose_of_twist
 from maxcon.mapping.build.tile_points import POINT, TileBuckets, VoxelMoments, plane_normals, voxel_keys
 from maxcon.refine import Refined, covariance, refine
-from maxcon.refine.adjustment import THINNING
 from maxcon.scan import Scan, one_per_cube
+from maxcon.scan.scan import SAMPLE_EDGE
 
 PLACE_EDGE = 24.0  # m, of the squares in which passes are matched: both sides of a street fit in
 # One point: its time (s), the number of its pass, and its position from the middle of its place (m).
@@ -141,7 +141,7 @@ def _visit(number: int, time: float, inside: NDArray[np.float32]) -> Visit | Non
     voxel_of_point = np.searchsorted(moments.keys, voxel_keys(indices))
     of_points = normals[voxel_of_point]
     rows = np.flatnonzero(has_normal[voxel_of_point])
-    kept = rows[one_per_cube(points[rows], of_points[rows], THINNING, by_lot=True)]
+    kept = rows[one_per_cube(points[rows], of_points[rows], SAMPLE_EDGE, by_lot=True)]
     arrays = (means[has_normal], normals[has_normal], points[kept], of_points[kept])
     return Visit(number, time, *(array.astype(np.float32) for array in arrays))
 

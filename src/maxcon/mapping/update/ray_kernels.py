@@ -63,15 +63,10 @@ def _mark_hits(end, scan, cell, weights, table, evidence):
     x0 = np.int64(np.floor(end[0] / cell))
     y0 = np.int64(np.floor(end[1] / cell))
     z0 = np.int64(np.floor(end[2] / cell))
-    here_x = here_y = here_z = -(2**40)
-    patch = np.int64(-1)
     for z in range(z0 - 1, z0 + 2):
         for y in range(y0 - 1, y0 + 2):
             for x in range(x0 - 1, x0 + 2):
-                if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != here_z:
-                    here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
-                    patch = find_patch(x, y, z, table)
-                k = find_in_patch(x, y, patch, table) if patch >= 0 else -1
+                k = _place_of_voxel(x, y, z, table)
                 if k >= 0 and seen_in[k] != scan:
                     seen_in[k] = scan
                     n_hits[k] += 1

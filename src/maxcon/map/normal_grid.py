@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""NormalGrid: the normals of a level of the map in a dense grid around a place, as the coarse search reads them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry.arrays import read_only_view
+from maxcon.map.tile import VoxelTile
+
+HEIGHT_STEP = 6.0
+"""Grids begin and end at multiples of this height, m: the next epoch of a drive finds its own in the same grid."""
+
+
+PADDING = 64
+"""Bytes behind the last voxel, so that rows can be read in whole blocks."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalGrid:
+    """Normals of the voxels around a place, and how much each determines along the axis that fewest surfaces face.
+
+    - low: shape (3,), int64; x, y and z index of the first voxel.
+    - shape: (nz, ny, nx), numbers of voxels; the arrays are flat, in this order, and padded.
+    - cell: edge of a voxel, m.
+    - normals: shape (n, 2), int8; x and y of the unit normals, in 127ths; zeros where there is none.
+    - along, across: shape (n,), uint8; the squared product of those with a horizontal axis, and with the one at right
+      angles to it, in 64ths, rounded up. The axis is that which the normals of the grid determine least.
+    """
+
+    low: NDArray[np.int64]
+    shape: tuple[int, int, int]
+    cell: float
+    normals: NDArray[np.int8]
+    along: NDArray[np.uint8]
+    across: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, tiles: Sequence[VoxelTile], cell: float, low: NDArray[np.int64], high: NDArray[np.int64]) -> NormalGrid:
+        """Grid of the voxels of some tiles from index `low` to `high`, (x, y, z), both included."""
+        from maxcon.map import tile_kernels
+
+        nx, ny, nz = (high - low + 1).tolist()
+        n = nx * ny * nz + PADDING
+        normals, along, across = np.zeros((n, 2), np.int8), np.zeros(n, np.uint8), np.zeros(n, np.uint8)
+        tensor = np.zeros((2, 2))
+        for tile in tiles:
+            tile_kernels.add_products(read_only_view(tile.normals), tensor)
+        axis = np.ascontiguousarray(np.linalg.eigh(tensor)[1][:, 0])
+        for tile in tiles:
+            corner = np.array([tile.key[0] * tile.edge, tile.key[1] * tile.edge, 0]) - low
+            tile_kernels.fill_normals(
+                read_only_view(tile.columns), read_only_view(tile.layers), read_only_view(tile.normals), corner,
+                (nz, ny, nx), axis, normals, along, across,
+            )  # fmt: skip
+        return cls(low, (nz, ny, nx), cell, normals, along, across)
+
+    def covers(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> bool:
+        """Whether the voxels from index `low` to `high`, (x, y, z), both included, lie in the grid."""
+        end = self.low + np.array(self.shape[::-1])
+        return bool((low >= self.low).all() and (high < end).all())
+
+
+def grid_extent(
+    cell: float, tile_voxels: int, x: float, y: float, reach: float, z: tuple[float, float]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last index (x, y, z) of the voxels within whole tiles and steps of height around a place.
+
+    cell: edge of a voxel, m; tile_voxels: of them along the edge of a tile; reach: along x and y around (x, y), m; z:
+    lowest and highest, m. Local frame.
+    """
+    tile = tile_voxels * cell
+    low_x, low_y, high_x, high_y = (math.floor(each / tile) for each in (x - reach, y - reach, x + reach, y + reach))
+    step = max(1, round(HEIGHT_STEP / cell))
+    low_z, high_z = (math.floor(each / (step * cell)) for each in z)
+    low = np.array([low_x * tile_voxels, low_y * tile_voxels, low_z * step], np.int64)
+    end = np.array([(high_x + 1) * tile_voxels, (high_y + 1) * tile_voxels, (high_z + 1) * step], np.int64)
+    return low, end - 1

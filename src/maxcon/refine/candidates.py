@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Candidates of an open space: poses of large cells, adjusted to the map and scored in its own voxels there (D11)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry import Pose, rotation_matrices
+from maxcon.map import PointMap
+from maxcon.map.tile import VoxelTable
+from maxcon.refine.adjustment import (
+    FROM_LARGE_CELLS,
+    HEIGHT_SIGMA,
+    LAST_PASSES,
+    TILT_SIGMA,
+    Pass,
+    adjusted,
+    table_around,
+    weights_of_start,
+)
+from maxcon.refine.ground import fit_ground_plane
+from maxcon.scan import Scan, one_per_cube
+from maxcon.search import Multiplicity, Weighting, coarse
+from maxcon.search.objectives import Moments, Objective, checked_scores
+from maxcon.search.space import SearchSpace
+
+# Without ground in the map nothing holds height and tilt while partners are far away; m and rad.
+HELD_HEIGHT_SIGMA, HELD_TILT_SIGMA = 0.03, 0.002
+# Points so near to the scan's own ground plane are left out of the coarse search, m.
+ON_GROUND = 0.25
+# Candidates that score so much of the best one are adjusted to the end before they are compared.
+CONTENDING = 0.5
+# A window that reaches no farther than this, m and degrees, is within reach of the adjustment: no large cells are
+# searched.
+IN_REACH, IN_REACH_DEG = 0.5, 1.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A pose that large cells left open, adjusted to the map.
+
+    - pose: T_map_sensor, local frame.
+    - score: by the objective.
+    - moments: shape (4,); of the sample at the pose, in the map's own voxels.
+    - share: of the points of the sample that match.
+    """
+
+    pose: Pose
+    score: float
+    moments: Moments
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Scoring:
+    """How much a pose is worth: its objective, and how matches are counted and weighed."""
+
+    objective: Objective
+    multiplicity: Multiplicity
+    weighting: Weighting
+
+
+def find_candidates(
+    scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, ratio: float, scoring: Scoring, n_threads: int = 1
+) -> tuple[list[Candidate], float]:
+    """Find the candidates of an open space, the highest score first, and the ratio that no other place exceeds.
+
+    scan: all its points.
+    point_map, prior, space: as of `coarse_search`.
+    ratio: to the score of the best large cell, from which on others are followed.
+    scoring: by which the candidates are ordered.
+    """
+    if space.half_width <= IN_REACH and space.heading_half_width_deg <= IN_REACH_DEG and not space.height_half_width:
+        left_open = coarse.LeftOpen([prior], 0.0)
+    else:
+        points = coarse_sample(scan)
+        left_open = coarse.coarse_search(points, point_map, prior, space, ratio, n_threads)
+    if not left_open.poses:
+        return [], left_open.rest_ratio
+    table = table_around(scan.sample, point_map, left_open.poses)
+    adjust = partial(adjusted_candidate, scan, point_map, scoring=scoring, table=table)
+    found = distinct([adjust(pose, FROM_LARGE_CELLS) for pose in left_open.poses])
+    contending = [each for each in found if each.score >= CONTENDING * found[0].score]
+    if len(contending) > 1:
+        found = distinct([adjust(each.pose, LAST_PASSES) for each in contending] + found[len(contending) :])
+    return found, left_open.rest_ratio
+
+
+def distinct(found: list[Candidate]) -> list[Candidate]:
+    """Return the candidates with matches, the highest score first; of those at one place the highest."""
+    kept: list[Candidate] = []
+    for each in sorted(found, key=lambda each: -each.score):
+        if each.share > 0.0 and not any(coarse.is_same_place(each.pose, other.pose) for other in kept):
+            kept.append(each)
+    return kept
+
+
+def coarse_sample(scan: Scan) -> NDArray[np.float64]:
+    """Points for the coarse search, shape (n, 3), sensor frame, m: above the scan's own ground, one of each cube."""
+    points, T_ground_sensor = scan.points, fit_ground_plane(scan)
+    if T_ground_sensor is not None:
+        up = rotation_matrices(T_ground_sensor.roll, T_ground_sensor.pitch, 0.0)[2]
+        points = points[np.abs(points @ up + T_ground_sensor.z) > ON_GROUND]
+    return points[one_per_cube(points, np.zeros_like(points), coarse.THINNING)]
+
+
+def adjusted_candidate(
+    scan: Scan,
+    point_map: PointMap,
+    start: Pose,
+    passes: Sequence[Pass],
+    scoring: Scoring,
+    table: VoxelTable | None = None,
+) -> Candidate:
+    """Return the candidate that a start is adjusted to, by the sample of a scan.
+
+    table: the voxels around it, if they are at hand.
+    """
+    sample = scan.sample
+    if table is None:
+        table = table_around(sample, point_map, [start])
+    is_held = passes is FROM_LARGE_CELLS and not point_map.has_ground
+    sigmas = (HELD_HEIGHT_SIGMA, HELD_TILT_SIGMA) if is_held else (HEIGHT_SIGMA, TILT_SIGMA)
+    unknowns, _ = adjusted(sample, point_map, table, start, weights_of_start(*sigmas), passes)
+    moments = matched = moments_at(sample, point_map, table, unknowns, scoring)
+    if scoring.multiplicity is Multiplicity.POINTS:
+        matched = moments_at(sample, point_map, table, unknowns, replace(scoring, multiplicity=Multiplicity.OCCUPIED))
+    score = float(checked_scores(scoring.objective.score(moments[None]), (1,))[0])
+    return Candidate(Pose(*unknowns.tolist()), score, moments, float(matched[0]) / max(1, len(sample)))
+
+
+def moments_at(
+    sample: Scan, point_map: PointMap, table: VoxelTable, unknowns: NDArray[np.float64], scoring: Scoring
+) -> Moments:
+    """Moments, shape (4,), of a scan at a pose (6,): those of a cell that stands for it."""
+    from maxcon.refine import place_kernels
+
+    moments = np.zeros(4)
+    weights = float(scoring.weighting is not Weighting.ONE), scoring.weighting.without_normal
+    place_kernels.add_moments(
+        sample.points, sample.normals, unknowns, point_map.cell, weights, point_map.is_signed,
+        scoring.multiplicity is Multiplicity.POINTS, table, moments,
+    )  # fmt: skip
+    return moments

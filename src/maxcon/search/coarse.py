@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Coarse search: every large cell of an open space is scored, and those near the best are candidates (D11).
+
+The score of a large cell is Helmert's, of the voxels of a level of the map that the points meet, all of weight one.
+It is bounded first by sums of bytes along two axes, which is fast, and computed where the bound leaves it open.
+"""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import SearchSpaceError
+from maxcon.geometry import Pose, rotation_matrices, wrap_angle
+from maxcon.map import PointMap
+from maxcon.map.normal_grid import NormalGrid
+from maxcon.search.objectives import Helmert, Scores
+from maxcon.search.space import SearchSpace
+
+CELL, STEP_DEG = 0.48, 2.0
+"""Edge of large cells, m, of which the nearest level of the map is taken; step between headings, degrees."""
+THINNING = 2.0
+"""Edge of the cubes of which one point each is searched with, m."""
+FARTHEST, BELOW, ABOVE = 80.0, 6.0, 18.0
+"""Points farther away, and more below or above the sensor, are not searched with, m."""
+MOST_CELLS = 2**28
+"""More large cells take minutes, and are refused."""
+MOST_CANDIDATES = 12
+SAME_POSE, SAME_POSE_DEG = 1.0, 4.0
+"""Cells this near to each other, m and degrees, are one candidate."""
+AT_ONCE, MOST_CERTAIN = 64, 0.9
+"""So many cells are scored at once; at first some whose bound reaches this ratio to the highest one."""
+MOST_SCORED = 4096
+"""More cells than this are scored only where a single wall bounds all of them alike, and none is worth anything."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOpen:
+    """Poses of large cells near the best, the highest score first; no other exceeds the ratio `rest_ratio` to it."""
+
+    poses: list[Pose]
+    rest_ratio: float
+
+
+def coarse_search(
+    points: NDArray[np.float64], point_map: PointMap, prior: Pose, space: SearchSpace, ratio: float, n_threads: int = 1
+) -> LeftOpen:
+    """Find all large cells of an open space that reach a ratio to the best one; of near ones the highest.
+
+    points: shape (n, 3), sensor frame, m, one of each cube of `THINNING`, without the ground.
+    point_map: the level nearest to `CELL` is searched.
+    prior, space: as of `exhaustive`; heights are searched, too.
+    ratio: above 0 to 1.
+    n_threads: headings are shared among so many threads; the answer does not depend on it.
+    Returns no poses where nothing scores.
+    """
+    level = point_map.nearest_level(CELL)
+    cells = space.at(level.cell, STEP_DEG)
+    if cells.n_cells > MOST_CELLS:
+        raise SearchSpaceError(
+            f"Expected at most {MOST_CELLS:,} cells of {cells.cell_edge:g} m and {cells.step_deg:g} degrees, got"
+            f" {cells.n_cells:,}. Narrow the search space."
+        )
+    points = _about_sensor(points, prior)
+    reach = float(np.hypot(points[:, 0], points[:, 1]).max(initial=0.0)) + cells.reach + 2.0 * level.cell
+    heights = prior.z - BELOW - space.height_half_width, prior.z + ABOVE + space.height_half_width
+    grid = level.normals_around(prior.x, prior.y, reach, heights)
+    found: list[tuple[float, Pose]] = []
+    best = 0.0
+    for raised in cells.priors(prior):
+        scores, reaching = highest_cells(points, grid, raised, cells.plane, ratio, best, n_threads)
+        best = max(best, scores.max(initial=0.0))
+        found += _distinct(scores, reaching, cells, raised)
+    return _left_open(found, ratio)
+
+
+def _about_sensor(points: NDArray[np.float64], prior: Pose) -> NDArray[np.float64]:
+    """Points with the prior's roll and pitch applied, without those too far away."""
+    points = points @ rotation_matrices(prior.roll, prior.pitch, 0.0).T
+    is_near = np.hypot(points[:, 0], points[:, 1]) <= FARTHEST
+    return np.ascontiguousarray(points[is_near & (points[:, 2] >= -BELOW) & (points[:, 2] <= ABOVE)])
+
+
+def highest_cells(
+    points: NDArray[np.float64],
+    grid: NormalGrid,
+    prior: Pose,
+    cells: SearchSpace,
+    ratio: float,
+    best: float,
+    n_threads: int,
+) -> tuple[Scores, NDArray[np.int64]]:
+    """Scores and indices, shape (m, 3), of all cells that reach a ratio to the best one, or to `best`.
+
+    det N / tr N is at most Nuu Nvv / (Nuu + Nvv), and so less than Nuu, for any axes u and v at right angles.
+    """
+    from maxcon.search import coarse_kernels
+
+    headings = prior.heading + cells.headings
+    n_offsets = cells.shape[1]
+    corner = np.array([prior.x + cells.offsets[0], prior.y + cells.offsets[0], prior.z])
+
+    def sums(values: NDArray[np.uint8], chosen: NDArray[np.int64]) -> Scores:
+        total = np.zeros((len(chosen), n_offsets, n_offsets), np.int32)
+
+        def add(part: slice) -> None:
+            turned = headings[chosen[part]]
+            coarse_kernels.sum_windows(points, turned, corner, grid.cell, grid.low, grid.shape, values, total[part])
+
+        _in_parts(add, len(chosen), n_threads)
+        return total / 64.0
+
+    def scores(asked: NDArray[np.int64]) -> Scores:
+        moments = np.zeros((len(asked), 3), np.int64)
+        coarse_kernels.cell_moments(
+            points, headings, corner, grid.cell, grid.low, grid.shape, grid.normals, asked, n_offsets, moments
+        )
+        return Helmert().score(np.column_stack([np.zeros(len(asked)), moments / 127.0**2]))
+
+    along = sums(grid.along, np.arange(len(headings)))
+    leading = np.flatnonzero((along > 0.0) & (along >= MOST_CERTAIN * along.max()))[:AT_ONCE]
+    best = max(best, scores(np.column_stack(np.unravel_index(leading, along.shape))).max(initial=0.0))
+    is_open = (along > 0.0) & (along >= ratio * best)
+    chosen = np.flatnonzero(is_open.any(axis=(1, 2)))
+    bounds = Helmert().bound_by_axes(along[chosen], sums(grid.across, chosen))
+    heading, y, x = np.nonzero(is_open[chosen] & (bounds > 0.0) & (bounds >= ratio * best))
+    order = np.argsort(-bounds[heading, y, x], kind="stable")[:MOST_SCORED]
+    bounds, asked = bounds[heading, y, x][order], np.column_stack([chosen[heading], y, x])[order]
+    found = np.empty(0)
+    while len(found) < len(asked) and bounds[len(found)] >= ratio * best:
+        found = np.append(found, scores(asked[len(found) : len(found) + AT_ONCE]))
+        best = max(best, found.max())
+    reaching = (found > 0.0) & (found >= ratio * best)
+    return found[reaching], asked[: len(found)][reaching]
+
+
+def _in_parts(call: Callable[[slice], None], n: int, n_threads: int) -> None:
+    """Call with slices of so many items, from several threads."""
+    if n_threads == 1:
+        call(slice(0, n))
+        return
+    edges = np.linspace(0, n, n_threads + 1).astype(int)
+    with ThreadPoolExecutor(n_threads) as pool:
+        list(pool.map(call, [slice(low, high) for low, high in pairwise(edges)]))
+
+
+def _distinct(scores: Scores, found: NDArray[np.int64], cells: SearchSpace, prior: Pose) -> list[tuple[float, Pose]]:
+    """Scores and poses of at most one candidate more than are followed: of near cells the highest stands for all."""
+    order = np.argsort(-scores, kind="stable")
+    scores, found = scores[order], found[order]
+    places = np.column_stack([cells.offsets[found[:, 2]], cells.offsets[found[:, 1]]])
+    headings_deg = np.degrees(cells.headings[found[:, 0]])
+    distinct: list[tuple[float, Pose]] = []
+    is_left = np.ones(len(scores), bool)
+    while is_left.any() and len(distinct) <= MOST_CANDIDATES:
+        k = int(np.argmax(is_left))
+        distinct.append((float(scores[k]), cells.pose((int(found[k, 0]), int(found[k, 1]), int(found[k, 2])), prior)))
+        turns_deg = np.abs((headings_deg - headings_deg[k] + 180.0) % 360.0 - 180.0)
+        is_left &= (np.hypot(*(places - places[k]).T) > SAME_POSE) | (turns_deg > SAME_POSE_DEG)
+    return distinct
+
+
+def _left_open(found: list[tuple[float, Pose]], ratio: float) -> LeftOpen:
+    """The candidates of all heights that reach a ratio to the best score, and the ratio that others do not exceed."""
+    poses: list[Pose] = []
+    ordered = sorted(found, key=lambda each: -each[0])
+    for score, pose in ordered:
+        own = score / ordered[0][0]
+        if own < ratio:
+            break
+        if any(is_same_place(pose, other) for other in poses):
+            continue
+        if len(poses) == MOST_CANDIDATES:
+            return LeftOpen(poses, own)
+        poses.append(pose)
+    return LeftOpen(poses, ratio)
+
+
+def is_same_place(one: Pose, other: Pose) -> bool:
+    """Whether two poses are one candidate."""
+    turn_deg = math.degrees(abs(wrap_angle(one.heading - other.heading)))
+    return math.hypot(one.x - other.x, one.y - other.y) <= SAME_POSE and turn_deg <= SAME_POSE_DEG

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Compiled: sums over the points of a scan in every coarse cell of a window. Arrays in, arrays out."""
+
+import numpy as np
+
+from maxcon._system.kernel_cache import njit
+
+# Columns that are added at once: a fixed number of them is what the compiler turns into vector instructions.
+COLUMNS = 64
+# So many bytes of at most 65 fit into 16 bits.
+POINTS_AT_ONCE = 1000
+
+
+@njit(nogil=True, cache=True)
+def first_voxels(points, cosine, sine, corner, cell, low, shape, n_offsets, starts):
+    """Write the voxel in which each point lies at the first cell of a heading, and return how many points have one.
+
+    points : (n, 3), roll and pitch applied, about the sensor, m; cosine, sine : of the heading; corner : (x, y, z) of
+    the sensor at the first cell, m; cell : edge, m; low : (3,), index of the grid's first voxel; shape : of the grid,
+    (nz, ny, nx); n_offsets : cells of the window along x and y; starts : (n,), out, numbers in the flat grid. Points
+    whose windows do not lie within the grid are left out.
+    """
+    nz, ny, nx = shape
+    n = 0
+    for i in range(points.shape[0]):
+        x = np.int64(np.floor((cosine * points[i, 0] - sine * points[i, 1] + corner[0]) / cell)) - low[0]
+        y = np.int64(np.floor((sine * points[i, 0] + cosine * points[i, 1] + corner[1]) / cell)) - low[1]
+        z = np.int64(np.floor((points[i, 2] + corner[2]) / cell)) - low[2]
+        if 0 <= z < nz and 0 <= y <= ny - n_offsets and 0 <= x <= nx - n_offsets:
+            starts[n] = (z * ny + y) * nx + x
+            n += 1
+    return n
+
+
+@njit(nogil=True, cache=True)
+def _add_rows(values, starts, stride, sums):
+    """Add the bytes of each point's window to 16-bit sums, (ny, k COLUMNS)."""
+    n_y, n_blocks = sums.shape[0], sums.shape[1] // COLUMNS
+    for p in range(starts.shape[0]):
+        for y in range(n_y):
+            for block in range(n_blocks):
+                first = np.uint64(starts[p] + y * stride + block * COLUMNS)
+                row = values[first : first + np.uint64(COLUMNS)]
+                total = sums[y, block * COLUMNS : (block + 1) * COLUMNS]
+                for x in range(COLUMNS):
+                    total[x] = np.uint16(total[x] + np.uint16(row[x]))
+
+
+@njit(nogil=True, cache=True)
+def sum_windows(points, headings, corner, cell, low, shape, values, sums):
+    """Add up the bytes that the points of a scan meet in a dense grid, at every cell of a window.
+
+    points, corner, cell, low, shape : as of `first_voxels`; headings : (h,), rad; values : (nz ny nx + COLUMNS,) uint8,
+    the flat grid; sums : (h, n, n) int32, in zeros, out.
+    """
+    n = sums.shape[1]
+    starts = np.empty(points.shape[0], np.int64)
+    some = np.empty((n, (n + COLUMNS - 1) // COLUMNS * COLUMNS), np.uint16)
+    for h in range(headings.shape[0]):
+        m = first_voxels(points, np.cos(headings[h]), np.sin(headings[h]), corner, cell, low, shape, n, starts)
+        for first in range(0, m, POINTS_AT_ONCE):
+            some[:] = 0
+            _add_rows(values, starts[first : min(m, first + POINTS_AT_ONCE)], shape[2], some)
+            for y in range(n):
+                for x in range(n):
+                    sums[h, y, x] += some[y, x]
+
+
+@njit(nogil=True, cache=True)
+def cell_moments(points, headings, corner, cell, low, shape, normals, cells, n_offsets, moments):
+    """Write the sums of xx, xy and yy of the normals, in 127ths, that the points of a scan meet at some cells.
+
+    normals : (nz ny nx, 2) int8, the flat grid; cells : (m, 3), (heading, y, x); moments : (m, 3) int64, out; the other
+    arguments as of `sum_windows`.
+    """
+    starts = np.empty(points.shape[0], np.int64)
+    last, n = np.int64(-1), 0
+    for k in range(cells.shape[0]):
+        h = cells[k, 0]
+        if h != last:
+            n = first_voxels(
+                points, np.cos(headings[h]), np.sin(headings[h]), corner, cell, low, shape, n_offsets, starts
+            )
+            last = h
+        shift = cells[k, 1] * shape[2] + cells[k, 2]
+        xx = xy = yy = np.int64(0)
+        for p in range(n):
+            place = starts[p] + shift
+            a, b = np.int64(normals[place, 0]), np.int64(normals[place, 1])
+            xx += a * a
+            xy += a * b
+            yy += b * b
+        moments[k, 0], moments[k, 1], moments[k, 2] = xx, xy, yy

@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Towns of short walls, and scans of them from a known pose."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from maxcon import PointMap, Pose, Scan
+
+CELL = 0.06
+TRUTH = Pose(1.23, -0.87, 1.6, 0.0, 0.0, 0.4)
+
+
+def walls(seed, n_walls=26, reach=22.0):
+    """Points and normals of short walls along and across, facing the origin, up to 4 m high."""
+    rng = np.random.default_rng(seed)
+    points, normals = [], []
+    for number in range(n_walls):
+        start, length = rng.uniform(-reach, reach, 2), rng.uniform(2.0, 7.0)
+        run = np.array([1.0, 0.0]) if number % 2 else np.array([0.0, 1.0])
+        along, up = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.04), np.arange(0.1, 4.0, 0.1)))
+        on_wall = np.column_stack([start + along[:, None] * run, up])
+        normal = np.array([run[1], run[0], 0.0])
+        normal *= -np.sign(normal[:2] @ (start + 0.5 * length * run)) or 1.0
+        points.append(on_wall + rng.normal(0.0, 0.005, on_wall.shape))
+        normals.append(np.tile(normal, (len(on_wall), 1)))
+    return np.concatenate(points), np.concatenate(normals)
+
+
+def seen(points, normals, truth, seed, n_points=4000):
+    """A scan of some of the points, with 1 cm of noise."""
+    rng = np.random.default_rng(seed)
+    which = rng.choice(len(points), n_points, replace=False)
+    noisy = points[which] + rng.normal(0.0, 0.01, (n_points, 3))
+    return Scan((noisy - truth.position) @ truth.rotation, normals[which] @ truth.rotation)
+
+
+def made(seed, scan_seed=None, cell=CELL):
+    """Map and scan of a town."""
+    points, normals = walls(seed)
+    return PointMap.from_points(points, normals, cell), seen(points, normals, TRUTH, scan_seed or seed)
+
+
+def twins(apart, part=slice(None)):
+    """Map and scan of walls that stand once more, in part, so many metres along x."""
+    points, normals = walls(5, n_walls=12, reach=8.0)
+    both = np.concatenate([points, (points + [apart, 0.0, 0.0])[part]]), np.concatenate([normals, normals[part]])
+    return PointMap.from_points(*both, CELL), seen(points, normals, TRUTH, 6)
+
+
+def beside(x=0.0, y=0.0, z=0.0, turn_deg=0.0):
+    """The true pose moved and turned."""
+    return replace(TRUTH.translated([x, y, z]), heading=TRUTH.heading + math.radians(turn_deg))
