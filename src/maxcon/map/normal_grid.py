@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maxcon.geometry.arrays import read_only_view
 from maxcon.map.tile import VoxelTile
 
-HEIGHT_STEP = 6.0
+HEIGHT_STEP = 3.0
 """Grids begin and end at multiples of this height, m: the next epoch of a drive finds its own in the same grid."""
 
 

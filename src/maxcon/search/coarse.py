@@ -26,7 +26,7 @@ CELL, STEP_DEG = 0.48, 2.0
 """Edge of large cells, m, of which the nearest level of the map is taken; step between headings, degrees."""
 THINNING = 2.0
 """Edge of the cubes of which one point each is searched with, m."""
-FARTHEST, BELOW, ABOVE = 80.0, 6.0, 18.0
+FARTHEST, BELOW, ABOVE = 60.0, 5.0, 13.0
 """Points farther away, and more below or above the sensor, are not searched with, m."""
 MOST_CELLS = 2**28
 """More large cells take minutes, and are refused."""
