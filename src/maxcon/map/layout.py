@@ -20,6 +20,10 @@ WORD_BITS = 64
 """Bits of a word in the occupancy of a tile."""
 MEAN_STEPS = 256
 """Steps of a voxel's edge in which the mean of its points is kept."""
+NORMAL_STEPS, PRODUCT_STEPS = 127, 64
+"""Steps of 1 in which a dense grid keeps the x and y of a normal, and the squared product of a normal with an axis."""
+ROW_BLOCK = 64
+"""Bytes that are read at once from a row of a dense grid: so many are behind its last voxel."""
 CANCELLED_LENGTH = 1e-3
 """A sum of n normals shorter than n times this has no direction: both faces of a thin wall in one voxel."""
 LEVEL_FACTORS = tuple(2**power for power in range(TILE_PATCHES.bit_length()))

@@ -12,14 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry.arrays import read_only_view
+from maxcon.map.layout import ROW_BLOCK
 from maxcon.map.tile import VoxelTile
 
 HEIGHT_STEP = 3.0
 """Grids begin and end at multiples of this height, m: the next epoch of a drive finds its own in the same grid."""
-
-
-PADDING = 64
-"""Bytes behind the last voxel, so that rows can be read in whole blocks."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +44,7 @@ class NormalGrid:
         from maxcon.map import tile_kernels
 
         nx, ny, nz = (high - low + 1).tolist()
-        n = nx * ny * nz + PADDING
+        n = nx * ny * nz + ROW_BLOCK
         normals, along, across = np.zeros((n, 2), np.int8), np.zeros(n, np.uint8), np.zeros(n, np.uint8)
         tensor = np.zeros((2, 2))
         for tile in tiles:

@@ -9,7 +9,7 @@ patches of PATCH_VOXELS x PATCH_VOXELS columns.
 import numpy as np
 
 from maxcon._system.kernel_cache import njit
-from maxcon.map.layout import CANCELLED_LENGTH, MEAN_STEPS, PATCH_VOXELS, WORD_BITS
+from maxcon.map.layout import CANCELLED_LENGTH, MEAN_STEPS, NORMAL_STEPS, PATCH_VOXELS, PRODUCT_STEPS, WORD_BITS
 
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 INSIDE = PATCH_VOXELS - 1
@@ -223,12 +223,12 @@ def fill_normals(columns, layers, normals, corner, shape, axis, grid, along, acr
     a unit vector; grid : (n, 2) int8, along, across : (n,) uint8, out, as of a `NormalGrid`.
     """
     nz, ny, nx = shape
-    factor = 64.0 / 127.0**2 * (1.0 + 1e-9)
+    factor = PRODUCT_STEPS / NORMAL_STEPS**2 * (1.0 + 1e-9)
     for i in range(layers.shape[0]):
         x, y, z = columns[i, 0] + corner[0], columns[i, 1] + corner[1], layers[i] + corner[2]
         if z < 0 or z >= nz or y < 0 or y >= ny or x < 0 or x >= nx:
             continue
-        a, b = np.round(127.0 * normals[i, 0]), np.round(127.0 * normals[i, 1])
+        a, b = np.round(NORMAL_STEPS * normals[i, 0]), np.round(NORMAL_STEPS * normals[i, 1])
         if a == 0.0 and b == 0.0:
             continue
         u, v = a * axis[0] + b * axis[1], b * axis[0] - a * axis[1]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, rotation_matrices, wrap_angle
 from maxcon.map import PointMap
+from maxcon.map.layout import NORMAL_STEPS, PRODUCT_STEPS
 from maxcon.map.normal_grid import NormalGrid
 from maxcon.search.objectives import Helmert, Scores
 from maxcon.search.space import SearchSpace
@@ -36,7 +37,7 @@ SAME_POSE, SAME_POSE_DEG = 1.0, 4.0
 AT_ONCE, MOST_CERTAIN = 64, 0.9
 """So many cells are scored at once; at first some whose bound reaches this ratio to the highest one."""
 MOST_SCORED = 4096
-"""More cells than this are scored only where a single wall bounds all of them alike, and none is worth anything."""
+"""Where so many cells are worth nothing, as along a single wall, no more are scored."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,14 +114,14 @@ def highest_cells(
             coarse_kernels.sum_windows(points, turned, corner, grid.cell, grid.low, grid.shape, values, total[part])
 
         _in_parts(add, len(chosen), n_threads)
-        return total / 64.0
+        return total / PRODUCT_STEPS
 
     def scores(asked: NDArray[np.int64]) -> Scores:
         moments = np.zeros((len(asked), 3), np.int64)
         coarse_kernels.cell_moments(
             points, headings, corner, grid.cell, grid.low, grid.shape, grid.normals, asked, n_offsets, moments
         )
-        return Helmert().score(np.column_stack([np.zeros(len(asked)), moments / 127.0**2]))
+        return Helmert().score(np.column_stack([np.zeros(len(asked)), moments / NORMAL_STEPS**2]))
 
     along = sums(grid.along, np.arange(len(headings)))
     leading = np.flatnonzero((along > 0.0) & (along >= MOST_CERTAIN * along.max()))[:AT_ONCE]
@@ -129,10 +130,12 @@ def highest_cells(
     chosen = np.flatnonzero(is_open.any(axis=(1, 2)))
     bounds = Helmert().bound_by_axes(along[chosen], sums(grid.across, chosen))
     heading, y, x = np.nonzero(is_open[chosen] & (bounds > 0.0) & (bounds >= ratio * best))
-    order = np.argsort(-bounds[heading, y, x], kind="stable")[:MOST_SCORED]
+    order = np.argsort(-bounds[heading, y, x], kind="stable")
     bounds, asked = bounds[heading, y, x][order], np.column_stack([chosen[heading], y, x])[order]
     found = np.empty(0)
-    while len(found) < len(asked) and bounds[len(found)] >= ratio * best:
+    while len(found) < (len(asked) if best > 0.0 else min(len(asked), MOST_SCORED)):
+        if bounds[len(found)] < ratio * best:
+            break
         found = np.append(found, scores(asked[len(found) : len(found) + AT_ONCE]))
         best = max(best, found.max())
     reaching = (found > 0.0) & (found >= ratio * best)

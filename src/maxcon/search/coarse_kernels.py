@@ -5,11 +5,12 @@
 import numpy as np
 
 from maxcon._system.kernel_cache import njit
+from maxcon.map.layout import PRODUCT_STEPS, ROW_BLOCK
 
 # Columns that are added at once: a fixed number of them is what the compiler turns into vector instructions.
-COLUMNS = 64
-# So many bytes of at most 65 fit into 16 bits.
-POINTS_AT_ONCE = 1000
+COLUMNS = ROW_BLOCK
+# So many bytes, each of a product that is rounded up, fit into 16 bits.
+POINTS_AT_ONCE = 2**16 // (PRODUCT_STEPS + 1) - 1
 
 
 @njit(nogil=True, cache=True)
