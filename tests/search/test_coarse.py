@@ -88,10 +88,12 @@ def test_where_nothing_scores_nothing_is_left_open():
         assert coarse_search(points, point_map, prior, SearchSpace(), 0.7).poses == []
 
 
-def test_a_kilometre_at_any_heading_is_too_much():
+@pytest.mark.parametrize(
+    "space", [SearchSpace(1000.0, heading_half_width_deg=180.0), SearchSpace(1500.0, heading_half_width_deg=0.0)]
+)
+def test_a_kilometre_is_too_much(space):
     point_map, scan = made(1)
-    space = SearchSpace(1000.0, heading_half_width_deg=180.0)
-    with pytest.raises(SearchSpaceError, match=r"at most 268,435,456 cells of 0\.48 m .*Narrow"):
+    with pytest.raises(SearchSpaceError, match=r"at most 67,108,864 cells of 0\.48 m .* 536,870,912 voxels .*Narrow"):
         coarse_search(scan.points, point_map, TRUTH, space, 0.7)
 
 

@@ -29,8 +29,8 @@ THINNING = 2.0
 """Edge of the cubes of which one point each is searched with, m."""
 FARTHEST, BELOW, ABOVE = 60.0, 5.0, 13.0
 """Points farther away, and more below or above the sensor, are not searched with, m."""
-MOST_CELLS = 2**28
-"""More large cells take minutes, and are refused."""
+MOST_CELLS, MOST_VOXELS = 2**26, 2**29
+"""Larger search spaces, and dense grids around them, take more than 2 GB, and are refused."""
 MOST_CANDIDATES = 12
 SAME_POSE, SAME_POSE_DEG = 1.0, 4.0
 """Cells this near to each other, m and degrees, are one candidate."""
@@ -62,14 +62,16 @@ def coarse_search(
     """
     level = point_map.nearest_level(CELL)
     cells = space.at(level.cell, STEP_DEG)
-    if cells.n_cells > MOST_CELLS:
-        raise SearchSpaceError(
-            f"Expected at most {MOST_CELLS:,} cells of {cells.cell_edge:g} m and {cells.step_deg:g} degrees, got"
-            f" {cells.n_cells:,}. Narrow the search space."
-        )
     points = _about_sensor(points, prior)
     reach = float(np.hypot(points[:, 0], points[:, 1]).max(initial=0.0)) + cells.reach + 2.0 * level.cell
     heights = prior.z - BELOW - space.height_half_width, prior.z + ABOVE + space.height_half_width
+    n_voxels = (2.0 * reach) ** 2 * (heights[1] - heights[0]) / level.cell**3
+    if cells.plane.n_cells > MOST_CELLS or n_voxels > MOST_VOXELS:
+        raise SearchSpaceError(
+            f"Expected at most {MOST_CELLS:,} cells of {cells.cell_edge:g} m and {cells.step_deg:g} degrees at a height,"
+            f" and {MOST_VOXELS:,} voxels around them, got {cells.plane.n_cells:,} and {n_voxels:,.0f}."
+            " Narrow the search space."
+        )
     grid = level.normals_around(prior.x, prior.y, reach, heights)
     found: list[tuple[float, Pose]] = []
     best = 0.0
