@@ -68,7 +68,7 @@ def coarse_search(
     n_voxels = (2.0 * reach) ** 2 * (heights[1] - heights[0]) / level.cell**3
     if cells.plane.n_cells > MOST_CELLS or n_voxels > MOST_VOXELS:
         raise SearchSpaceError(
-            f"Expected at most {MOST_CELLS:,} cells of {cells.cell_edge:g} m and {cells.step_deg:g} degrees at a height,"
+            f"Expected at most {MOST_CELLS:,} cells of {cells.cell_edge:g} m and {cells.step_deg:g} degrees a height,"
             f" and {MOST_VOXELS:,} voxels around them, got {cells.plane.n_cells:,} and {n_voxels:,.0f}."
             " Narrow the search space."
         )
