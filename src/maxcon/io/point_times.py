@@ -46,14 +46,10 @@ class PointTimes:
         return float(self.offsets.min() + self.offsets.max()) / 2.0
 
 
-Column = tuple[str, NDArray[np.generic]]
-"""Type of a field as NumPy names it, and its values, one for each point."""
-
-
-def find_point_times(columns: Mapping[str, Column], stamp: int) -> PointTimes:
+def find_point_times(columns: Mapping[str, NDArray[np.generic]], stamp: int) -> PointTimes:
     """Return the times of the points of a scan.
 
-    columns: shape (n,)); type and values of each field, for the points that are returns.
+    columns: shape (n,); values of each field, for the points that are returns.
     stamp: time of the message, ns.
 
     A unit is right if the scan then lasts between 1 ms and 2 s; times near the message's are absolute ones. Where
@@ -64,15 +60,15 @@ def find_point_times(columns: Mapping[str, Column], stamp: int) -> PointTimes:
     name = next((names[name] for name in NAMES if name in names), None)
     if pair is not None:
         label = " + ".join(pair)
-        values = columns[pair[0]][1]
+        values = columns[pair[0]]
     elif name is not None:
-        label = f"{name} ({columns[name][0]})"
-        values = columns[name][1]
+        label = f"{name} ({columns[name].dtype.name})"
+        values = columns[name]
     else:
         return PointTimes(None, "no field", "the points have no field of times")
     if not len(values):
         return PointTimes(np.empty(0), label, f"{label}: no points")
-    return _of_field(label, values, stamp) if pair is None else _of_pair(label, values, columns[pair[1]][1], stamp)
+    return _of_field(label, values, stamp) if pair is None else _of_pair(label, values, columns[pair[1]], stamp)
 
 
 def _of_pair(label: str, seconds: NDArray[np.generic], nanoseconds: NDArray[np.generic], stamp: int) -> PointTimes:

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from maxcon.errors import MaxconError
+from maxcon.io.point_records import decode_points, records_of_message
 from maxcon.io.recordings.clouds import open_clouds
 from maxcon.io.recordings.opening import is_recording
-from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
 from maxcon.io.scans import open_scans
 from maxcon.io.scans.folder import read_scan_file
 
@@ -73,12 +73,8 @@ def test_an_unaligned_cloud_with_repeated_points(recorders):
     store = rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
     data = (recorders / "ros2bag" / "cloudini" / "dds_message.bin").read_bytes()
     content = store.deserialize_cdr(data, "sensor_msgs/msg/PointCloud2")
-    fields = tuple(FieldDescription(f.name, f.offset, f.datatype, f.count) for f in content.fields)
     stamp = content.header.stamp.sec * 10**9 + content.header.stamp.nanosec
-    cloud = decode_cloud(
-        CloudRecord(fields, content.width, content.height, content.point_step, content.row_step, False, content.data,
-                    stamp)
-    )  # fmt: skip
+    cloud = decode_points(records_of_message(content), stamp)
     assert (cloud.n_points, cloud.n_invalid) == (64_000, 4_578)
     assert cloud.n_duplicates + len(cloud.points) == 64_000 - 4_578
     assert len(np.unique(cloud.points, axis=0)) == len(cloud.points) > 30_000

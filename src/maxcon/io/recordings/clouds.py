@@ -15,19 +15,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error
+from maxcon.io.point_records import CloudPoints, decode_points, decode_times, records_of_message
 from maxcon.io.point_times import PointTimes
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
-from maxcon.io.recordings.point_cloud2 import (
-    FORMATS,
-    CloudPoints,
-    CloudRecord,
-    FieldDescription,
-    decode_cloud,
-    decode_times,
-)
 from maxcon.io.recordings.recording import (
     Message,
     Recording,
@@ -48,7 +42,6 @@ LOOKED_AT = 2000
 """UDP packets that are read to find out whether they are a Velodyne's."""
 HEADER_BYTES = 24
 """Of a capture file."""
-CODES = {name: code for code, name in FORMATS.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,27 +50,27 @@ class RecordedCloud:
 
     label: file and topic, for messages.
     recorded, stamp: when it was recorded, and the time of its message, ns.
-    record: the cloud as stored, or why it cannot be read.
+    records: its points as stored, or why they cannot be read.
     """
 
     label: str
     recorded: int
     stamp: int
-    record: CloudRecord | FileError
+    records: NDArray[np.void] | FileError
 
     def points(self) -> CloudPoints:
         """Return its returns; FileError if it is broken."""
-        return self._decoded(decode_cloud)
+        return self._decoded(decode_points)
 
     def times(self) -> PointTimes:
         """Return the times of its returns; FileError if it is broken."""
         return self._decoded(decode_times)
 
-    def _decoded(self, decode: Callable[[CloudRecord], T]) -> T:
-        if isinstance(self.record, FileError):
-            raise self.record
+    def _decoded(self, decode: Callable[[NDArray[np.void], int], T]) -> T:
+        if isinstance(self.records, FileError):
+            raise self.records
         with as_file_error(Path(self.label), "a point cloud"):
-            return decode(self.record)
+            return decode(self.records, self.stamp)
 
 
 def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> CloudSource:
@@ -140,9 +133,9 @@ def _cloud(message: Message, label: str) -> RecordedCloud:
             content = decode_message(message)
             stamp = stamp_of(content, message.recorded)
             if message.type == VELODYNE:
-                record = _record_of_packets(content, stamp)
-                return RecordedCloud(label, message.recorded, record.stamp, record)
-            return RecordedCloud(label, message.recorded, stamp, CloudRecord.of_message(content, stamp))
+                captured, records = _of_packets(content, stamp)
+                return RecordedCloud(label, message.recorded, captured, records)
+            return RecordedCloud(label, message.recorded, stamp, records_of_message(content))
     except FileError as error:
         return RecordedCloud(label, message.recorded, stamp, error)
 
@@ -184,7 +177,7 @@ class VelodyneCapture:
             turns = self._known(stream, start) if self._turns else self._found(stream)
             for captured, points in turns:
                 if captured >= start:
-                    yield RecordedCloud(self.label, captured, captured, _record_of_points(points, captured))
+                    yield RecordedCloud(self.label, captured, captured, points)
 
     def _found(self, stream: Any) -> Iterator[tuple[int, Any]]:
         """Decode all packets one after the other, and note where each turn is."""
@@ -253,14 +246,14 @@ def _datagrams(path: Path) -> Iterator[tuple[int, int]]:
                 yield packet.dport, max(packet.ulen - 8, 0)
 
 
-def _record_of_packets(content: Any, stamp: int) -> CloudRecord:
-    """The points of a velodyne_msgs/VelodyneScan message, with the time of its last packet, or else `stamp`, ns."""
+def _of_packets(content: Any, stamp: int) -> tuple[int, NDArray[np.void]]:
+    """The time of the last packet of a velodyne_msgs/VelodyneScan message, or else `stamp`, ns; and the points."""
     package = _decoder_package(None)
     if not len(content.packets):
         raise ValueError("no packets")
     times = [packet.stamp.sec + packet.stamp.nanosec * 1e-9 or stamp * 1e-9 for packet in content.packets]
     turn = _decoded(package, zip(times, (packet.data for packet in content.packets), strict=True), package.Config())
-    return _record_of_points(turn[1], _captured(turn))
+    return _captured(turn), turn[1]
 
 
 def _decoded(package: Any, packets: Iterable[tuple[float, bytes]], config: Any) -> Any:
@@ -273,15 +266,6 @@ def _decoded(package: Any, packets: Iterable[tuple[float, bytes]], config: Any) 
 
 def _captured(turn: Any) -> int:
     return round(float(turn[0].host) * 1e9)
-
-
-def _record_of_points(points: Any, stamp: int) -> CloudRecord:
-    """A structured array of points, shape (n,), as a PointCloud2 record of time `stamp` (ns)."""
-    places = points.dtype.fields
-    fields = tuple(FieldDescription(name, place[1], CODES[place[0].str[1:]]) for name, place in places.items())
-    step = points.dtype.itemsize
-    data = np.ascontiguousarray(points).view(np.uint8)
-    return CloudRecord(fields, len(points), 1, step, step * len(points), False, data, stamp)
 
 
 def _decoder_package(path: Path | None) -> Any:

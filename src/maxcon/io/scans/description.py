@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
+from maxcon.io.point_records import words_of
 from maxcon.io.raw_scan import returns_in_range
 from maxcon.io.recordings.clouds import (
     CLOUD,
@@ -84,7 +85,7 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
 
 def _seen(cloud: RecordedCloud) -> _Seen:
     found = cloud.points()
-    fields = "" if isinstance(cloud.record, FileError) else cloud.record.words
+    fields = "" if isinstance(cloud.records, FileError) else words_of(cloud.records.dtype)
     counts = found.n_points, found.n_invalid, found.n_duplicates
     return _Seen(found.points, cloud.stamp * 1e-9, counts, fields, found.times.words, found.rings)
 

@@ -3,8 +3,11 @@
 """ScanFolder: scans with one file per epoch, of any format, and the times of these, from a file or from their names."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +16,10 @@ from maxcon._system.regular_file import check_regular
 from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
+from maxcon.io.point_records import coordinate_fields, times_and_rings, words_of
 from maxcon.io.point_times import PointTimes, find_point_times
 from maxcon.io.raw_scan import RawScan, Scans, returns_in_range
-from maxcon.io.scans.pcd import ScanFile, read_pcd
+from maxcon.io.scans.pcd import read_pcd
 from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float, reading
 
 # The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
@@ -31,6 +35,20 @@ UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}
 ADVICE = "Write a times.txt with one time in seconds per scan, in the order of the names."
 
 
+class ScanFile(NamedTuple):
+    """All points of one scan file, and the fields that may be their times.
+
+    points: shape (n, 3), float64; sensor frame, m; points without a return (not finite, or at the origin) are still
+        among them.
+    times: shape (n,)); values as stored by the name of the field; of PCD files only.
+    fields: names and types of all fields of a point, where the file tells them; else empty.
+    """
+
+    points: NDArray[np.float64]
+    times: Mapping[str, NDArray[Any]] = MappingProxyType({})
+    fields: str = ""
+
+
 def read_scan_file(file: Path) -> ScanFile:
     """Return the points of a scan file, and the fields that may be their times.
 
@@ -43,7 +61,9 @@ def read_scan_file(file: Path) -> ScanFile:
         if suffix == ".bin":
             return _read_floats(file)
         if suffix == ".pcd":
-            return read_pcd(file, MAX_SCAN_POINTS)
+            records = read_pcd(file, MAX_SCAN_POINTS)
+            points = [as_float64(records[name]) for name in coordinate_fields(records.dtype, "fiu")]
+            return ScanFile(np.stack(points, axis=1), times_and_rings(records), words_of(records.dtype))
         with open_cloud(file) as reader:
             _check_count(file, reader.header.n_points)
             chunks = [chunk.points for chunk in reader.chunks()]
@@ -121,10 +141,8 @@ class ScanFolder(Scans):
 
     def _times_of(self, content: ScanFile, i: int, is_wanted: NDArray[np.bool_]) -> PointTimes | None:
         """When the points of a scan were measured, from its time on; None where its file has no such field."""
-        if not content.times:
-            return None
-        columns = {name: (kind, values[is_wanted]) for name, (kind, values) in content.times.items()}
-        return find_point_times(columns, round(float(self.times[i]) * 1e9))
+        columns = {name: values[is_wanted] for name, values in content.times.items()}
+        return find_point_times(columns, round(float(self.times[i]) * 1e9)) if columns else None
 
     def words(self, i: int) -> tuple[str, str]:
         """Return the fields of scan number `i`, and how the times of its points are understood; errors as of `read`."""

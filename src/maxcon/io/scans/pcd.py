@@ -3,9 +3,9 @@
 """Reads PCD files; their header is checked against the size of the file before points are read."""
 
 import io
+import math
 import struct
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import MissingExtraError
-from maxcon.io.clouds.base import as_file_error, as_float64
-from maxcon.io.point_times import TIME_FIELDS, Column
-from maxcon.io.text import printable, read_table
+from maxcon.io.clouds.base import as_file_error
+from maxcon.io.point_records import coordinate_fields, record_type
+from maxcon.io.text import read_table
 
 MAX_HEADER_BYTES = 2**16
 MAX_COLUMNS = 10_000
@@ -26,118 +26,94 @@ ENCODINGS = ("ascii", "binary", "binary_compressed")
 KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanFile:
-    """All points of one scan file, and the fields that may be their times.
-
-    points: shape (n, 3), float64; sensor frame, m; points without a return (not finite, or at the origin) are still
-        among them.
-    times: shape (n,)); by the name of the field: its type as NumPy names it, and its values as stored. Read from PCD
-        files only.
-    fields: names and types of all fields of a point, where the file tells them; else empty.
-    """
-
-    points: NDArray[np.float64]
-    times: dict[str, Column] = field(default_factory=dict)
-    fields: str = ""
-
-
 class _Layout(NamedTuple):
-    """Where the points of a PCD file begin, how many there are, and name, type (F4) and count of each field."""
+    """Where the points of a PCD file begin, how many there are, and the type of one."""
 
     encoding: str
     start: int
     n_points: int
-    fields: tuple[str, ...]
-    types: tuple[str, ...]
-    counts: tuple[int, ...]
-
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """One binary record; fields are numbered, because names need not be unique."""
-        rows = enumerate(zip(self.types, self.counts, strict=True))
-        return np.dtype(
-            [(f"f{i}", f"({count},)<{kind.lower()}" if count > 1 else f"<{kind.lower()}") for i, (kind, count) in rows]
-        )
+    dtype: np.dtype[np.void]
 
 
-def read_pcd(file: Path, n_most: int) -> ScanFile:
-    """Return the points of a PCD file (ascii, binary or binary_compressed), and the fields that may be their times.
+def read_pcd(file: Path, n_most: int) -> NDArray[np.void]:
+    """Return the points of a PCD file (ascii, binary or binary_compressed) as records, shape (n,).
+
+    Points without a return (not finite, or at the origin) are among them; floating-point numbers of ascii are float64.
 
     FileError if the header is broken or does not fit the file, or there are no points or more than `n_most`;
     MissingExtraError if the points are compressed and the extra `pcd` is not installed.
     """
     with as_file_error(file, f"a PCD file of 1 to {n_most:,} points"), file.open("rb") as stream:
         layout = _read_layout(stream, n_most)
-        if layout.encoding == "ascii":
-            text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n")
-            table = read_table(text, layout.n_points, sum(layout.counts))
-            return _content(layout, lambda name: table[:, sum(layout.counts[: layout.fields.index(name)])])
         if layout.encoding == "binary":
-            records = np.fromfile(stream, layout.dtype, layout.n_points)
-        else:
-            records = _read_compressed(file, stream, layout)
-        return _content(layout, lambda name: records[f"f{layout.fields.index(name)}"])
+            return np.fromfile(stream, layout.dtype, layout.n_points)
+        records = np.empty(layout.n_points, layout.dtype)
+        columns = _unpacked(file, stream, layout) if layout.encoding == "binary_compressed" else _parsed(stream, layout)
+        with np.errstate(invalid="ignore"):  # NaN in a field of integers
+            for name, values in columns:
+                records[name] = values
+        return records
 
 
-def _content(layout: _Layout, column: Callable[[str], NDArray[Any]]) -> ScanFile:
-    """Points and possible times of a file whose values `column` returns by the name of the field."""
-    kinds = dict(zip(layout.fields, (np.dtype(f"<{kind.lower()}").name for kind in layout.types), strict=True))
-    points = np.stack([as_float64(column(name)) for name in "xyz"], axis=1)
-    times: dict[str, Column] = {
-        name: (kinds[name], column(name))
-        for name, count in zip(layout.fields, layout.counts, strict=True)
-        if name.lower() in TIME_FIELDS and count == 1 and layout.fields.count(name) == 1
-    }
-    return ScanFile(points, times, ", ".join(f"{name} {kind}" for name, kind in kinds.items()))
+def _parsed(stream: BinaryIO, layout: _Layout) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield the fields of an ascii file and their numbers."""
+    text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n")
+    table = read_table(text, layout.n_points, _n_columns(layout.dtype))
+    at = 0
+    for name, kind in _fields(layout.dtype):
+        n_columns = math.prod(kind.shape)
+        yield name, table[:, at : at + n_columns].reshape(-1, *kind.shape)
+        at += n_columns
 
 
-def _read_compressed(file: Path, stream: BinaryIO, layout: _Layout) -> NDArray[np.void]:
-    """Unpack the points behind a plain header, because pypcd4 refuses some legal ones (without COUNT)."""
+def _unpacked(file: Path, stream: BinaryIO, layout: _Layout) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the fields of a compressed file and their numbers, which lie one field behind the other."""
     try:
-        from pypcd4.pypcd4 import PointCloud
+        import lzf  # comes with pypcd4
     except ImportError as error:
         raise MissingExtraError(
             f"Expected the package pypcd4 to read compressed points in {file}, got none installed."
             " pip install 'maxcon[pcd]'"
         ) from error
-    header = [
-        "VERSION 0.7",
-        "FIELDS " + " ".join(f"f{i}" for i in range(len(layout.fields))),
-        "SIZE " + " ".join(kind[1:] for kind in layout.types),
-        "TYPE " + " ".join(kind[0] for kind in layout.types),
-        "COUNT " + " ".join(map(str, layout.counts)),
-        f"WIDTH {layout.n_points}\nHEIGHT 1\nPOINTS {layout.n_points}\nDATA binary_compressed\n",
-    ]
-    plain: Any = io.BytesIO("\n".join(header).encode("ascii") + stream.read())
-    records: NDArray[np.void] = PointCloud.from_fileobj(plain).pc_data
-    return records
+    n_packed, n_unpacked = struct.unpack("<II", stream.read(8))
+    data, at = lzf.decompress(stream.read(n_packed), n_unpacked), 0
+    for name, kind in _fields(layout.dtype):
+        values = np.frombuffer(data, kind.base, layout.n_points * math.prod(kind.shape), at)
+        yield name, values.reshape(-1, *kind.shape)
+        at += values.nbytes
+
+
+def _fields(dtype: np.dtype[np.void]) -> list[tuple[str, np.dtype[Any]]]:
+    return [(name, dtype[name]) for name in dtype.names or ()]
+
+
+def _n_columns(dtype: np.dtype[np.void]) -> int:
+    return sum(math.prod(kind.shape) for _, kind in _fields(dtype))
 
 
 def _read_layout(stream: BinaryIO, n_most: int) -> _Layout:
     """Read the header, and check it against the size of the file; the stream is left at the first point."""
     header = _header(stream)
-    fields = tuple(header.get("FIELDS", []))
-    if not any(name in fields for name in "xyz"):
-        fields = tuple(name.lower() if name in ("X", "Y", "Z") else name for name in fields)
-    sizes, kinds = header.get("SIZE", []), header.get("TYPE", [])
-    types = tuple(kind + size for kind, size in zip(kinds, sizes, strict=False))
-    counts = tuple(_whole_numbers(header, "COUNT", [1] * len(fields)))
+    fields, sizes, kinds = (header.get(key, []) for key in ("FIELDS", "SIZE", "TYPE"))
+    types = [kind + size for kind, size in zip(kinds, sizes, strict=False)]
+    counts = _whole_numbers(header, "COUNT", [1] * len(fields))
     n_each = {len(fields), len(sizes), len(kinds), len(counts)}
     if len(n_each) != 1 or not set(types) <= TYPES or not 0 < sum(counts) <= MAX_COLUMNS or 0 in counts:
         raise ValueError("FIELDS, SIZE, TYPE, COUNT of different lengths, or of types other than F, U, I")
-    for name in "xyz":
-        if fields.count(name) != 1 or counts[fields.index(name)] != 1:
-            raise ValueError(f"not one field {name!r} in FIELDS {printable(' '.join(fields)[:80])}")
+    encoding = " ".join(header["DATA"])
+    if encoding not in ENCODINGS:
+        raise ValueError(f"DATA {encoding[:40]!r}, not {', '.join(ENCODINGS)}")
+    if encoding == "ascii":
+        types = ["F8" if kind == "F4" else kind for kind in types]
+    formats = [f"{f'({n},)' if n > 1 else ''}<{kind.lower()}" for kind, n in zip(types, counts, strict=True)]
+    dtype = record_type(fields, formats)
+    coordinate_fields(dtype, "fiu")
     width, height = (_whole_numbers(header, key, default) for key, default in (("WIDTH", [0]), ("HEIGHT", [1])))
     area = [width[0] * height[0]]
     n_points = _whole_numbers(header, "POINTS", area)
     if n_points != area or not 0 < n_points[0] <= n_most or len(width + height) != 2:
         raise ValueError(f"{n_points[0]:,} points, WIDTH {width[0]:,} and HEIGHT {height[0]:,}")
-    encoding = " ".join(header["DATA"])
-    if encoding not in ENCODINGS:
-        raise ValueError(f"DATA {encoding[:40]!r}, not {', '.join(ENCODINGS)}")
-    layout = _Layout(encoding, stream.tell(), n_points[0], fields, types, counts)
+    layout = _Layout(encoding, stream.tell(), n_points[0], dtype)
     _check_size(stream, layout)
     return layout
 
@@ -170,7 +146,7 @@ def _check_size(stream: BinaryIO, layout: _Layout) -> None:
     stream.seek(layout.start)
     n_needed = layout.n_points * layout.dtype.itemsize
     if layout.encoding == "ascii":
-        n_needed = layout.n_points * 2 * sum(layout.counts) - 1  # a digit and a blank or line end each
+        n_needed = layout.n_points * 2 * _n_columns(layout.dtype) - 1  # a digit and a blank or line end each
     elif layout.encoding == "binary_compressed":
         n_packed, n_unpacked = struct.unpack("<II", stream.read(8))
         stream.seek(layout.start)

@@ -1,0 +1,174 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Points as drivers of scanners and PCD files store them: structured arrays, some of whose fields are understood."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.io.point_times import TIME_FIELDS, PointTimes, find_point_times
+from maxcon.io.text import printable
+
+FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""Kinds of numbers by their code in sensor_msgs/PointField."""
+RINGS = ("ring", "channel", "laser_id", "line", "laser_number")
+"""Names under which drivers store the layer of a point."""
+MAX_POINTS = 50_000_000
+MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
+"""Odd factors by which the bits of x, y and z are hashed."""
+
+
+class CloudPoints(NamedTuple):
+    """The returns of a cloud: finite, not at (0, 0, 0), and each once.
+
+    points: shape (n, 3), float64; sensor frame, m.
+    times: when each was measured, and how its field of times was understood.
+    rings: shape (n,), or None; layer of the scanner, where the cloud says.
+    n_points, n_invalid, n_duplicates: points in the record; those at (0, 0, 0) or with coordinates that are not finite;
+        of the others those with the same coordinates as one before them.
+    """
+
+    points: NDArray[np.float64]
+    times: PointTimes
+    rings: NDArray[np.int64] | None
+    n_points: int
+    n_invalid: int
+    n_duplicates: int
+
+
+def record_type(names: Sequence[str], kinds: Sequence[Any], offsets: Sequence[int] | None = None) -> np.dtype[np.void]:
+    """Return the type of one point, with fields one behind the other or at offsets; a name given again is "x#2"."""
+    seen: Counter[str] = Counter()
+    unique = []
+    for name in names:
+        seen[name] += 1
+        unique.append(name if seen[name] == 1 else f"{name}#{seen[name]}")
+    if offsets is None:
+        return np.dtype(list(zip(unique, kinds, strict=True)))
+    return np.dtype({"names": unique, "formats": list(kinds), "offsets": list(offsets)})
+
+
+def records_of_message(content: Any) -> NDArray[np.void]:
+    """Return the points of a sensor_msgs/PointCloud2, shape (height, width); ValueError if it contradicts itself."""
+    width, height, step = content.width, content.height, content.point_step
+    order = ">" if content.is_bigendian else "<"
+    known = [field for field in content.fields if field.datatype in FORMATS]
+    # Some drivers write a count of 0 for a single number.
+    kinds = [f"{f'({field.count},)' if field.count > 1 else ''}{order}{FORMATS[field.datatype]}" for field in known]
+    dtype = record_type([field.name for field in known], kinds, [field.offset for field in known])
+    coordinate_fields(dtype)
+    # A cloud of one row may leave out its length, or say something else.
+    row_step = step * width if height == 1 else content.row_step
+    if not 0 <= width * height <= MAX_POINTS or min(width, height) < 0 or row_step < step * width:
+        raise ValueError(f"{width} x {height} points of {step} bytes in rows of {row_step}, or over {MAX_POINTS:,}")
+    if width * height == 0:
+        return np.empty((0, 0), dtype)
+    if dtype.itemsize > step:
+        raise ValueError(f"fields up to byte {dtype.itemsize} of the {step} bytes of a point")
+    return np.ndarray((height, width), dtype, content.data, strides=(row_step, step))
+
+
+def words_of(dtype: np.dtype[np.void]) -> str:
+    """Return "x float32 at 0, ring uint16 at 16" or the like."""
+    fields: Any = dtype.fields
+    places = ((name, *fields[name][:2]) for name in dtype.names or ())
+    return ", ".join(
+        f"{printable(name)} {kind.base.name}{''.join(f'[{n}]' for n in kind.shape)} at {offset}"
+        for name, kind, offset in places
+    )
+
+
+def coordinate_fields(dtype: np.dtype[np.void], kinds: str = "f") -> list[str]:
+    """Return the names of the fields of x, y and z, in capitals where there is none in small letters.
+
+    ValueError if one is not there, or comes twice, or is not of one of these `kinds` of numbers.
+    """
+    names = dtype.names or ()
+    found = [axis if axis in names else axis.upper() for axis in "xyz"]
+    for name in found:
+        if name not in names or f"{name}#2" in names or dtype[name].kind not in kinds:
+            raise ValueError(f"not one field {name.lower()!r} of numbers among {words_of(dtype)[:120] or 'no fields'}")
+    return found
+
+
+def times_and_rings(records: NDArray[np.void], rows: NDArray[np.intp] | None = None) -> dict[str, NDArray[Any]]:
+    """Return the fields that may be times or rings by their names, for some of the points."""
+    wanted = [name for name in records.dtype.names or () if name.lower() in TIME_FIELDS or name in RINGS]
+    return {name: _taken(_column(records, name), rows) for name in wanted if not records.dtype[name].shape}
+
+
+def decode_points(records: NDArray[np.void], stamp: int) -> CloudPoints:
+    """Return the returns of a cloud whose message has the time `stamp`, ns."""
+    coordinates, rows = _returns(records)
+    n_returns = len(rows)
+    coordinates = [_taken(values, rows) for values in coordinates]
+    once = _first_of_each(coordinates)
+    if once is not None:
+        rows, coordinates = rows[once], [_taken(values, once) for values in coordinates]
+    columns = times_and_rings(records, rows)
+    ring = next((columns[name] for name in RINGS if name in columns), None)
+    return CloudPoints(
+        points=np.stack(coordinates, axis=1, dtype=np.float64),
+        times=find_point_times(columns, stamp),
+        rings=None if ring is None or ring.dtype.kind == "f" else ring.astype(np.int64),
+        n_points=records.size,
+        n_invalid=records.size - n_returns,
+        n_duplicates=n_returns - len(rows),
+    )
+
+
+def decode_times(records: NDArray[np.void], stamp: int) -> PointTimes:
+    """Return the times of the returns alone."""
+    return find_point_times(times_and_rings(records, _returns(records)[1]), stamp)
+
+
+def _column(records: NDArray[np.void], name: str) -> NDArray[Any]:
+    """The numbers of a field, of all points, row by row; shape (n,), in the order of bytes of this machine."""
+    return np.ascontiguousarray(records[name], records.dtype[name].newbyteorder("=")).reshape(-1)
+
+
+def _taken(column: NDArray[Any], rows: NDArray[np.intp] | None) -> NDArray[Any]:
+    """The numbers of some rows; the column itself where it is all of them."""
+    return column if rows is None or len(rows) == len(column) else column.take(rows)
+
+
+def _returns(records: NDArray[np.void]) -> tuple[list[NDArray[Any]], NDArray[np.intp]]:
+    """The columns of x, y and z, and the rows of points that are finite and not at (0, 0, 0)."""
+    x, y, z = (_column(records, name) for name in coordinate_fields(records.dtype))
+    with np.errstate(over="ignore", invalid="ignore"):
+        squared = x * x
+        squared += y * y
+        squared += z * z
+        is_return = (squared > 0.0) & (squared < np.inf)
+        # Squares leave the range of floats before coordinates do: what seems to be no return is checked exactly.
+        rows = np.flatnonzero(~is_return)
+        places = np.stack([x[rows], y[rows], z[rows]], axis=1)
+        is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
+    return [x, y, z], np.flatnonzero(is_return)
+
+
+def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] | None:
+    """Rows of the first point at each place, in order; None where no place comes twice."""
+    # + 0.0 makes -0.0 equal to 0.0. The bits of coordinates are hashed by MIXERS; those of float32 alone would leave
+    # the lower half of a product empty.
+    whole = [values + values.dtype.type(0.0) for values in coordinates]
+    bits = [values.view(f"u{values.dtype.itemsize}").astype(np.uint64) for values in whole]
+    keys = np.zeros(len(whole[0]), np.uint64)
+    for number, mixer in zip(bits, MIXERS, strict=True):
+        keys ^= number
+        keys *= mixer
+        keys ^= keys >> np.uint64(29)
+    in_order = np.sort(keys)
+    if not (in_order[1:] == in_order[:-1]).any():
+        return None
+    order = np.argsort(keys, kind="stable")
+    is_same = np.r_[False, keys[order[1:]] == keys[order[:-1]]]
+    repeated = np.flatnonzero(is_same)
+    if any((number[order[repeated]] != number[order[repeated - 1]]).any() for number in bits):
+        # Two different points have the same hash: compare coordinates instead.
+        order = np.unique(np.stack(whole, axis=1), axis=0, return_index=True)[1]
+        return np.sort(order)
+    return np.sort(order[~is_same])
