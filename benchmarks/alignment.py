@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from displaced_rounds import truth_of
-from scene import header
+from header import header
 
 from maxcon.io.trajectories import read_trajectory
 

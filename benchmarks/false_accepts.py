@@ -13,7 +13,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scene import header
+from header import header
 
 import maxcon
 from maxcon.io.scans import open_scans

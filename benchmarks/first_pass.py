@@ -21,8 +21,8 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 from drives import NamedDataset, points_of, prior_and_reference
+from header import header
 from levels import parse_level
-from scene import header
 
 from maxcon import MaximumConsensus, Scan
 from maxcon.errors import MaxconError

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from scene import header
+from header import header
 
 from maxcon.io.clouds import open_cloud
 from maxcon.map import TILE_VOXELS

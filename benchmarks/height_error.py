@@ -16,7 +16,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from scene import header
+from header import header
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
 from maxcon.io.scans import open_scans

@@ -27,8 +27,8 @@ from unittest import mock
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from drives import NamedDataset, points_of, prior_and_reference
+from header import header
 from levels import parse_level
-from scene import header
 
 from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, localizer
 from maxcon._system.atomic import atomic_file, make_folder

@@ -15,7 +15,7 @@ from latency import MAXCON, STAGES
 from latency_table import read_series
 
 from maxcon.lab.charts import draw_grid, draw_number_ticks
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
+from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 
 # Inches: the picture is read on phones, so it is narrow and its letters are large.
 WIDTH, LEFT, RIGHT, TOP, BOTTOM, ROW, PANEL_TITLE = 6.4, 2.4, 1.4, 1.13, 0.45, 0.26, 0.66
@@ -69,24 +69,21 @@ def plot(path, panels):
         "Right: epochs within 0.3 m and 1° of the reference."
     )
     with saved_figure(path, WIDTH, height, "One epoch in one thread", words) as figure:
-        _draw_key(figure, height)
-        top = height - TOP
-        for (name, rows), panel_height in zip(panels.items(), heights, strict=True):
-            axes = add_axes(figure, LEFT, top - panel_height, WIDTH - LEFT - RIGHT, panel_height - PANEL_TITLE)
+        all_axes = figure.subplots(len(panels), squeeze=False, height_ratios=heights)[:, 0]
+        for axes, (name, rows) in zip(all_axes, panels.items(), strict=True):
             _draw_panel(axes, name, rows, limits)
-            top -= panel_height
+        _draw_key(figure)
         axes.set_xlabel("ms, logarithmic")
 
 
 STYLES = ((SERIES[0], "o", "a stage of maxcon"), (INK, "D", "maxcon"), (SERIES[1], "s", "registration"))
 
 
-def _draw_key(figure, height):
+def _draw_key(figure):
     from matplotlib.lines import Line2D
 
     marks = [Line2D([], [], ls="", marker=mark, ms=7, color=color, label=words) for color, mark, words in STYLES]
-    place = {"loc": "upper left", "bbox_to_anchor": (0.15 / WIDTH, 1.0 - 0.94 / height)}
-    figure.legend(handles=marks, ncols=3, handletextpad=0.1, columnspacing=0.9, fontsize=10.5, **place)
+    figure.legend(handles=marks, ncols=3, handletextpad=0.1, columnspacing=0.9, fontsize=10.5, loc="outside upper left")
 
 
 def _draw_panel(axes, title, rows, limits):

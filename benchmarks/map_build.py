@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from scene import header
+from header import header
 
 
 def synthetic_cloud(path: Path, n_million: int) -> None:

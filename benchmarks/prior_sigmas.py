@@ -12,7 +12,7 @@ import math
 import time
 
 import numpy as np
-from scene import header
+from header import header
 
 import maxcon
 from maxcon.io.scans import open_scans

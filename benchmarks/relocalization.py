@@ -23,7 +23,7 @@ from pathlib import Path
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
-from scene import header
+from header import header
 
 from maxcon import PointMap, Pose, Scan
 from maxcon._system.atomic import atomic_file

@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 import numpy as np
-from scene import header, times_ms
+from header import header, times_ms
 
 HELP = [sys.executable, "-c", "import sys; sys.argv = ['maxcon', '--help']; from maxcon.cli import main; main()"]
 NOTHING = [sys.executable, "-c", "pass"]

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
-from scene import header
+from header import header
 
 from maxcon import MaximumConsensus, Motion, MotionNoise, PointMap, Pose, Scan, Status, Tracker, UncertainPose
 from maxcon.drive.localize import DriveOptions

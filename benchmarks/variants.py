@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scene import header
+from header import header
 
 import maxcon
 from maxcon.io.scans import open_scans

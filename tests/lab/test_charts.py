@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
+import numpy as np
 import pytest
 
 import maxcon
 from drawn_figures import BelowZero, parts
-from maxcon.lab.charts import METHOD_STYLES, LegendShape, draw_number_ticks, offset_words, scale_words
+from maxcon.lab.charts import METHOD_STYLES, draw_legend, draw_number_ticks, offset_words, scale_words
 from maxcon.plotting.figure import saved_figure
 from maxcon.plotting.score_panel import SearchSpaceView
 
@@ -15,11 +16,12 @@ def test_each_mark_alone_tells_the_methods_apart(field):
 
 
 @pytest.mark.parametrize(
-    ("labels", "expected"),
-    [(["a"], (1, 1)), (["a"] * 4, (1, 4)), (["a"] * 5, (2, 3)), (["a" * 40] * 3, (2, 2)), (["a" * 80, "b"], (2, 1))],
+    ("labels", "expected"), [(["a"], 1), (["a"] * 4, 4), (["a"] * 5, 3), (["a" * 40] * 3, 2), (["a" * 80, "b"], 1)]
 )
-def test_legends_have_as_many_columns_as_fit(labels, expected):
-    assert LegendShape.of(labels, 9.2)[:2] == expected
+def test_legends_have_as_many_columns_as_fit(labels, expected, tmp_path):
+    with saved_figure(tmp_path / "legend.png", 9.2, 3.0, "", "") as figure:
+        handles = figure.subplots().plot(np.zeros((2, len(labels))))
+        assert draw_legend(figure, handles, labels)._ncols == expected
 
 
 @pytest.mark.parametrize(

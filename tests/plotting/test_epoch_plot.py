@@ -8,7 +8,7 @@ import pytest
 import maxcon
 from drawn_figures import SPACE, parts, png_size, yard
 from maxcon.errors import OptionError
-from maxcon.plotting.epoch import Scene, answer_words, is_off_the_ground, panel_places
+from maxcon.plotting.epoch import Scene, answer_words, is_off_the_ground
 
 
 def draw(path, given, **changes):
@@ -74,14 +74,3 @@ def test_points_on_level_ground_are_not_drawn():
     )
     assert not is_drawn[:300].any()
     assert is_drawn[300:].all()
-
-
-@pytest.mark.parametrize("n_panels", [1, 5, 9])
-def test_panels_do_not_overlap_and_stay_inside(n_panels):
-    places = panel_places(n_panels)
-    assert len(places) == n_panels
-    for number, (left, bottom, side) in enumerate(places):
-        assert left >= 0.85 - 1e-9 and left + side <= 0.85 + 6.5 + 1e-9
-        assert bottom >= 1.25 - 1e-9 and bottom + side <= 1.25 + 6.5 + 1e-9
-        for other_left, other_bottom, _ in places[:number]:
-            assert abs(left - other_left) > side or abs(bottom - other_bottom) > side

@@ -9,13 +9,13 @@ import pytest
 import maxcon
 from drawn_figures import yard
 from maxcon.errors import FileError, MissingExtraError
-from maxcon.plotting.figure import add_axes, saved_figure
+from maxcon.plotting.figure import saved_figure
 from maxcon.plotting.from_above import Window, count_voxels, round_length
 
 
 def draw(path):
-    with saved_figure(path, 4.0, 1.0, "T", "words") as figure:
-        add_axes(figure, 0.5, 0.3, 3.0, 0.5).imshow([[0.0, 1.0]])
+    with saved_figure(path, 4.0, 3.0, "T", "words") as figure:
+        figure.subplots().imshow([[0.0, 1.0]])
 
 
 def test_users_own_settings_change_nothing_and_are_left_alone(tmp_path):

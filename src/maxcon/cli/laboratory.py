@@ -15,7 +15,7 @@ from maxcon.cli.terminal import compiling_told, step_bars, warn
 
 if TYPE_CHECKING:
     from maxcon.lab.dataset import Dataset
-    from maxcon.lab.demo import MethodResult, WideResult
+    from maxcon.lab.demo import DemoResults
     from maxcon.lab.study import MethodStatistics, Study
 
 
@@ -126,38 +126,41 @@ def demo(how: DemoOptions) -> None:
         compiling_told(how.quiet),
         atomic_folder(how.out, overwrite=True) as folder,
     ):
-        drive = lab.prepare_demo(folder, n_epochs=how.epochs, seed=how.seed, progress=progress)
-        results = lab.localize_demo(drive, folder, lab.DEMO_METHODS, progress=progress)
-        wide = lab.try_wide_priors(drive, folder, seed=how.seed, progress=progress)
-        report_demo(folder, drive, results, wide, seed=how.seed, progress=progress)
-    _print_demo(results, wide)
+        bench = lab.prepare_demo(folder, n_epochs=how.epochs, seed=how.seed, progress=progress)
+        results = lab.run_demo(bench, folder, seed=how.seed, progress=progress)
+        report_demo(folder, bench, results, seed=how.seed, progress=progress)
+    _print_demo(results)
     typer.echo(f"\nThe report with pictures: {how.out / 'report.html'}")
 
 
-def _print_demo(results: "list[MethodResult]", wide: "WideResult") -> None:
+def _print_demo(results: "DemoResults") -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title="Within 0.3 m and 1 degree of the reference, from priors wrong by up to 2.5 m and 1.8 degrees")
-    table.add_column("method")
-    for name in ("success", "median m", "worst m", "worst deg", "ms per epoch"):
-        table.add_column(name, justify="right")
-    for result in results:
-        of = result.accuracy
-        numbers = (f"{of.distance.median:.3f}", f"{of.distance.worst:.3f}", f"{math.degrees(of.heading.worst):.2f}")
-        ms = f"{result.median_milliseconds:.0f}"
-        table.add_row(result.method.name, f"{of.n_success} of {of.n_epochs}", *numbers, ms)
-    Console().print(table)
+    from maxcon.lab.study import statistics
 
-    level = f"{wide.widest[0].offset:g} m and {wide.widest[0].heading_deg:g} degrees"
-    table = Table(title=f"The same, from priors wrong by up to {level}, beside registration")
-    table.add_column("method")
-    for name in ("success", "wrong, but reported as good", "median ms"):
-        table.add_column(name, justify="right")
-    for one in wide.widest:
-        table.add_row(one.method, f"{one.n_right} of {one.n_epochs}", str(one.n_wrong_but_good), f"{one.median_ms:.0f}")
-    Console().print("", table)
-    Console(soft_wrap=True).print(wide.words, markup=False, highlight=False)
+    near = Table(title="Within 0.3 m and 1 degree of the reference, from priors wrong by up to 2.5 m and 1.8 degrees")
+    widest = results.widest[0].prior.replace("°", " degrees").replace(", ", " and ")
+    wide = Table(title=f"The same, from priors wrong by up to {widest}, beside registration")
+    for table, names in (
+        (near, ("success", "median m", "worst m", "worst deg", "ms per epoch")),
+        (wide, ("success", "wrong, but reported as good", "median ms")),
+    ):
+        table.add_column("method")
+        for name in names:
+            table.add_column(name, justify="right")
+    for of in map(statistics, results.near):
+        numbers = (
+            f"{of.distance.median:.3f}",
+            f"{of.distance.worst:.3f}",
+            f"{math.degrees(of.heading_error.worst):.2f}",
+        )
+        near.add_row(of.method, f"{of.n_success} of {of.n_epochs}", *numbers, f"{of.ms.median:.0f}")
+    for of in results.widest:
+        wide.add_row(of.method, f"{of.n_success} of {of.n_epochs}", str(of.n_false), f"{of.ms.median:.0f}")
+    Console().print(near)
+    Console().print("", wide)
+    Console(soft_wrap=True).print(results.wide_words, markup=False, highlight=False)
 
 
 # --- study and report ------------------------------------------------------------------------------------------

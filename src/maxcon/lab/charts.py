@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
+from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 from maxcon.plotting.score_panel import SearchSpaceView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
 
 GRID = "#dfe2e8"
 DASHES = (0, (5, 3))
@@ -50,53 +51,28 @@ METHOD_STYLES = (
 """Styles of the methods of a figure, in the order in which they are given: each mark alone tells them apart."""
 
 
-class LegendShape(NamedTuple):
-    """Rows, columns and height (inches) of a legend below a figure: as few rows as the labels fit into."""
-
-    n_rows: int
-    n_columns: int
-    height: float
-
-    @classmethod
-    def of(cls, labels: Sequence[str], width: float) -> "LegendShape":
-        """Return the shape for labels in `width` inches."""
-        widest = 0.85 + 0.078 * max(map(len, labels))
-        n_rows = math.ceil(len(labels) / max(1, min(len(labels), 4, int(width / widest))))
-        return cls(n_rows, math.ceil(len(labels) / n_rows), 0.1 + 0.22 * n_rows)
-
-
-def draw_legend(figure: "Figure", handles: Sequence[Any], labels: Sequence[str], handle_length: float = 3.4) -> None:
-    """Write a legend at the lower left of a figure, in the shape that fits; a $ in labels begins no formula."""
-    width = figure.get_size_inches()[0]
-    n_columns, place = LegendShape.of(labels, width).n_columns, (0.2 / width, 0.0)
+def draw_legend(figure: "Figure", handles: Sequence[Any], labels: Sequence[str], **options: Any) -> "Legend":
+    """Write a legend below all axes, in at most 4 columns that fit; a $ in labels begins no formula."""
+    widest = 0.85 + 0.078 * max(map(len, labels))
+    n_columns = max(1, min(len(labels), 4, int(figure.get_size_inches()[0] / widest)))
+    n_rows = math.ceil(len(labels) / n_columns)
     legend = figure.legend(
-        handles, labels, loc="lower left", bbox_to_anchor=place, ncols=n_columns, handlelength=handle_length,
-        labelspacing=0.35,
+        handles, labels, loc="outside lower left", ncols=math.ceil(len(labels) / n_rows), handlelength=3.4,
+        labelspacing=0.35, **options,
     )  # fmt: skip
     for text in legend.get_texts():
         text.set_parse_math(False)
+    return legend
 
 
 @contextmanager
 def method_chart(
-    path: str | os.PathLike[str],
-    labels: Sequence[str],
-    titles: tuple[str, str],
-    *,
-    height: float,
-    above: float,
-    left: float = 0.82,
-    right: float = 0.25,
+    path: str | os.PathLike[str], labels: Sequence[str], titles: tuple[str, str]
 ) -> Iterator[tuple["Axes", list[Any]]]:
-    """Yield axes of `height` inches in a figure with a legend of methods below, and a list for the legend's handles.
-
-    `above`, `left` and `right` are kept free around the axes, inches.
-    """
-    width = 9.2
-    bottom = 0.62 + LegendShape.of(labels, width).height
-    with saved_figure(path, width, bottom + height + above, *titles) as figure:
+    """Yield axes in a figure with a legend of methods below, and a list for the legend's handles."""
+    with saved_figure(path, 9.2, 6.4, *titles) as figure:
         handles: list[Any] = []
-        yield add_axes(figure, left, bottom, width - left - right, height), handles
+        yield figure.subplots(), handles
         draw_legend(figure, handles, labels)
 
 

@@ -2,61 +2,60 @@
 # SPDX-License-Identifier: MIT
 """The page of the demo: what was done, in figures, pictures and a few words."""
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon._system import Progress
 from maxcon._system.atomic import make_folder
 from maxcon._system.version import __version__
-from maxcon.drive.localize import EpochEstimate, scan_of
-from maxcon.geometry import Pose
-from maxcon.io.scans import open_scans
-from maxcon.lab.demo import MAPPING_WAIT, DemoDrive, MethodResult, WideResult
+from maxcon.lab.demo import COUNT_POINTS, DEMO_METHODS, HELMERT, HELMERT_POINTS, MAPPING_WAIT, PRIOR, DemoResults
 from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison
 from maxcon.lab.report import Picture, write_page
 from maxcon.lab.report.prior_error import plot_prior_error
+from maxcon.lab.report.study_pictures import Scenes
 from maxcon.lab.report.study_statistics import plot_error_distributions
 from maxcon.lab.simulation.datasets import CITY_ORIGIN
-from maxcon.plotting import plot_drive, plot_epoch
+from maxcon.lab.study.bench import Bench
+from maxcon.lab.study.methods import STANDARD
+from maxcon.lab.study.table import MethodRows, MethodStatistics, statistics
+from maxcon.plotting import plot_drive
 from maxcon.plotting.score_panel import SearchSpaceView
-from maxcon.scan import Scan
 
 # Of the whole drive: well before the crossing, in the straight part of the street.
 STREET_PART = 0.25
 
 
-def report_demo(
-    folder: Path, drive: DemoDrive, results: Sequence[MethodResult], wide: WideResult, *, seed: int, progress: Progress
-) -> Path:
+def report_demo(folder: Path, bench: Bench, results: DemoResults, *, seed: int, progress: Progress) -> Path:
     """Draw the pictures and write `report.html` into `folder`; return its path."""
-    pictures = DemoPictures(folder / "pictures", drive, results)
+    pictures = DemoPictures(folder / "pictures", bench, results)
     make_folder(pictures.folder)
-    epochs = results[-1].epochs
-    street = epochs[int(STREET_PART * (len(epochs) - 1))]
+    n_epochs = len(bench.scans)
+    street = int(STREET_PART * (n_epochs - 1))
     steps: dict[str, Callable[[], Picture]] = {
         "why": pictures.why,
-        "wide": lambda: pictures.wide_priors(wide),
+        "wide": pictures.wide_priors,
         "errors": pictures.errors,
         "drive": pictures.drive_from_above,
         "epoch": lambda: pictures.epoch(street),
-        "spaces": lambda: pictures.street_and_crossing(street, _at_crossing(drive, epochs)),
+        "spaces": lambda: pictures.street_and_crossing(street),
     }
     drawn = {}
     for number, (name, step) in enumerate(steps.items(), 1):
         drawn[name] = step()
         progress("drawing", number, len(steps))
-    path = folder / "report.html"
+    path, found = folder / "report.html", [statistics(rows) for rows in results.near]
     page = {
         "title": "maxcon demo: a simulated street",
-        "headline": _headline(results[-1]),
-        "results": results,
+        "headline": _headline(found[-1]),
+        "methods": DEMO_METHODS,
+        "results": found,
         **drawn,
-        "facts": _facts(drive, results[0]),
-        "command": f"maxcon demo --epochs {len(epochs)} --seed {seed}",
+        "facts": _facts(bench),
+        "command": f"maxcon demo --epochs {n_epochs} --seed {seed}",
         "version": __version__,
         "seed": seed,
     }
@@ -64,25 +63,14 @@ def report_demo(
     return path
 
 
-def _at_crossing(drive: DemoDrive, epochs: Sequence[EpochEstimate]) -> EpochEstimate:
-    """Return the epoch nearest to the middle of the crossing."""
-    middle = drive.point_map.frame.to_local([CITY_ORIGIN])[0]
-    references = [drive.reference_at(epoch.raw.time) for epoch in epochs]
-    distances = [math.hypot(pose.x - middle[0], pose.y - middle[1]) for pose in references]
-    return epochs[int(np.argmin(distances))]
-
-
-def worst_of_the_count(results: Sequence[MethodResult]) -> int:
-    """Return the position of the epoch that the count puts farthest off where Helmert's score of the same is right.
+def worst_of_the_count(count: MethodRows, helmert: MethodRows) -> int:
+    """Return the epoch that the count puts farthest off where Helmert's score of the same is right.
 
     Where there is none that the count gets wrong, of all epochs.
     """
-    is_shown = [
-        count is not None and not count.is_success and helmert is not None and helmert.is_success
-        for count, helmert in zip(results[0].errors, results[1].errors, strict=True)
-    ]
-    distances = np.array(results[0].distances)
-    return int(np.nanargmax(np.where(is_shown, distances, np.nan) if any(is_shown) else distances))
+    is_shown = (count.numbers("is_success") == 0.0) & (helmert.numbers("is_success") == 1.0)
+    distances = count.numbers("distance")
+    return int(np.nanargmax(np.where(is_shown, distances, np.nan) if is_shown.any() else distances))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,29 +78,23 @@ class DemoPictures:
     """Pictures of the demo's page with their captions, drawn into a folder."""
 
     folder: Path
-    drive: DemoDrive
-    results: Sequence[MethodResult]
+    bench: Bench
+    results: DemoResults
 
-    def _scan_and_prior(self, epoch: EpochEstimate) -> tuple[Scan, Pose]:
-        raw = open_scans(self.drive.dataset.scans).read(epoch.epoch)
-        return scan_of(raw), self.drive.point_map.frame.pose_to_local(self.drive.prior.at(raw.time))
+    @property
+    def scenes(self) -> Scenes:
+        """The epochs, searched again by the default method."""
+        return Scenes(self.bench, PRIOR, self.bench.maps[STANDARD], DEMO_METHODS[HELMERT])
 
-    def epoch(self, epoch: EpochEstimate) -> Picture:
+    @property
+    def near(self) -> dict[str, MethodRows]:
+        """Answers from near priors by method."""
+        return {rows.method: rows for rows in self.results.near}
+
+    def epoch(self, epoch: int) -> Picture:
         """Draw the search space of an epoch, and its scene."""
-        (scan, prior), result = self._scan_and_prior(epoch), self.results[-1]
-        method, point_map = result.method.method, self.drive.point_map
-        accumulator = method.accumulate(scan, point_map, prior)
         path = self.folder / "epoch.png"
-        plot_epoch(
-            path,
-            accumulator=accumulator,
-            objective=method.cell_search.objective,
-            estimate=method.conclude(accumulator, scan, point_map),
-            scan=scan,
-            point_map=point_map,
-            title=f"Epoch {epoch.epoch}, in the street: {result.method.name}",
-            reference=self.drive.reference_at(epoch.raw.time),
-        )
+        self.scenes.draw_epoch(path, epoch, f"Epoch {epoch}, in the street: {HELMERT}")
         return Picture(
             "One epoch: every candidate pose, and the answer",
             "Left: the score of every position, one square per heading. Right: the scan at the prior and at the"
@@ -123,26 +105,28 @@ class DemoPictures:
 
     def why(self) -> Picture:
         """Draw the epoch that the count puts farthest off, and say what came out, whatever it is."""
-        position = worst_of_the_count(self.results)
-        row = self._row("uneven map", self.results[0].epochs[position])
+        near = self.near
+        epoch = worst_of_the_count(near[COUNT_POINTS], near[HELMERT_POINTS])
         path = self.folder / "why.png"
-        plot_comparison(path, [row], title="Why Helmert's point error, and a voxel once")
-        off = {result.method.slug: result.distances[position] for result in self.results}
-        found = [(result.method.name, result.accuracy) for result in self.results]
-        wrong = "; ".join(f"{name}: {accuracy.n_epochs - accuracy.n_success}" for name, accuracy in found)
+        plot_comparison(path, [self._row("uneven map", epoch)], title="Why Helmert's point error, and a voxel once")
+        off = {name: near[name].numbers("distance")[epoch] for name in near}
+        found = [statistics(rows) for rows in self.results.near]
+        wrong = "; ".join(f"{one.method}: {one.n_epochs - one.n_success}" for one in found)
         return Picture(
             "Why Helmert's point error, and a voxel once",
             f"The mapping vehicle stood before a red light for {MAPPING_WAIT:g} s, and the map is denser there. At"
-            f" {row.label.split(',')[0]} the count of map points ends {off['count-points']:.2f} m from the reference,"
-            f" Helmert's score of the same matches {off['helmert-points']:.2f} m, and Helmert's score with each voxel"
-            f" counting once, which is maxcon's default, {off['helmert-occupied']:.3f} m. Wrong by more than 0.3 m or"
-            f" 1 degree, of {found[0][1].n_epochs} epochs: {wrong}.",
+            f" epoch {epoch} the count of map points ends {off[COUNT_POINTS]:.2f} m from the reference,"
+            f" Helmert's score of the same matches {off[HELMERT_POINTS]:.2f} m, and Helmert's score with each voxel"
+            f" counting once, which is maxcon's default, {off[HELMERT]:.3f} m. Wrong by more than 0.3 m or"
+            f" 1 degree, of {found[0].n_epochs} epochs: {wrong}.",
             "The search space of the best heading, scored by the count and by Helmert's point error.",
             path,
         )
 
-    def street_and_crossing(self, street: EpochEstimate, crossing: EpochEstimate) -> Picture:
+    def street_and_crossing(self, street: int) -> Picture:
         """Draw the count beside Helmert, on the same matches, in the street and at the crossing."""
+        middle = self.scenes.point_map.frame.to_local([CITY_ORIGIN])[0]
+        crossing = int(np.argmin(np.linalg.norm(self._references() - middle[:2], axis=1)))
         rows = [self._row("in the street", street), self._row("at the crossing", crossing)]
         path = self.folder / "street-and-crossing.png"
         plot_comparison(path, rows, title="Count beside Helmert")
@@ -155,62 +139,63 @@ class DemoPictures:
             path,
         )
 
-    def _row(self, where: str, epoch: EpochEstimate) -> ComparisonRow:
+    def _references(self) -> NDArray[np.float64]:
+        """Where the car was at each epoch, shape (n, 2), local frame, m."""
+        return np.array([self.scenes.poses(epoch)[1].position[:2] for epoch in range(len(self.bench.scans))])
+
+    def _row(self, where: str, epoch: int) -> ComparisonRow:
         """An epoch by the paper's two methods and the default."""
-        scan, prior = self._scan_and_prior(epoch)
         views = []
-        for chosen in (result.method for result in self.results):
-            if chosen.slug in ("count-points", "helmert-points", "helmert-occupied"):
-                accumulator = chosen.method.accumulate(scan, self.drive.point_map, prior)
-                views.append(SearchSpaceView(accumulator, chosen.method.cell_search.objective, chosen.name))
-        reference = self.drive.reference_at(epoch.raw.time)
-        return ComparisonRow(f"epoch {epoch.epoch}, {where}", scan, self.drive.point_map, reference, views)
+        for name in (COUNT_POINTS, HELMERT_POINTS, HELMERT):
+            method = DEMO_METHODS[name]
+            scan, accumulator, _ = self.scenes.search(epoch, method)
+            views.append(SearchSpaceView(accumulator, method.cell_search.objective, name))
+        return self.scenes.row(f"epoch {epoch}, {where}", epoch, views, scan)
 
     def errors(self) -> Picture:
         """Draw the errors of all methods."""
-        errors = {result.method.name: np.array(result.distances) for result in self.results}
+        errors = {name: rows.numbers("distance") for name, rows in self.near.items()}
         return plot_error_distributions(self.folder / "errors.svg", errors)
 
     def drive_from_above(self) -> Picture:
         """Draw the drive by the default method."""
-        path, result = self.folder / "drive.png", self.results[-1]
-        references = [self.drive.reference_at(epoch.raw.time) for epoch in result.epochs]
-        positions = np.array([(pose.x, pose.y) for pose in references])
-        plot_drive(path, positions, result.distances, point_map=self.drive.point_map)
+        path = self.folder / "drive.png"
+        errors = self.near[HELMERT].numbers("distance")
+        plot_drive(path, self._references(), errors, point_map=self.scenes.point_map)
         return Picture(
-            f"The drive from above: {result.method.name}",
+            f"The drive from above: {HELMERT}",
             "The map in grey, each epoch in the colour of its error.",
             "The map from above with the drive.",
             path,
         )
 
-    def wide_priors(self, wide: WideResult) -> Picture:
+    def wide_priors(self) -> Picture:
         """Draw what wide priors make of each method."""
         path = self.folder / "prior_error.svg"
-        plot_prior_error(path, {"the simulated street": wide.summaries})
+        plot_prior_error(path, {"the simulated street": self.results.wide})
         return Picture(
             "Success by the error of the prior",
-            f"{wide.words} Registration from one start ends at the nearest minimum, and cannot tell whether it is the"
-            " right one; it has the map with ground, which holds its height and tilt. The same epochs and priors for"
-            " all.",
+            f"{self.results.wide_words} Registration from one start ends at the nearest minimum, and cannot tell"
+            " whether it is the right one; it has the map with ground, which holds its height and tilt. The same epochs"
+            " and priors for all.",
             "Share of right answers, of wrong ones called good, and time, for priors wrong by up to 3, 6 and 12 m.",
             path,
         )
 
 
-def _headline(best: MethodResult) -> str:
+def _headline(best: MethodStatistics) -> str:
     return (
-        f"{best.accuracy.n_epochs} simulated VLP-16 scans were localized in a simulated mobile-mapping cloud, from"
+        f"{best.n_epochs} simulated VLP-16 scans were localized in a simulated mobile-mapping cloud, from"
         " priors wrong by up to 2.5 m in x and y and 1.8 degrees. Helmert's score, a voxel counting once, put"
-        f" {best.accuracy.n_success} of them within 0.3 m and 1 degree of the reference."
+        f" {best.n_success} of them within 0.3 m and 1 degree of the reference."
     )
 
 
-def _facts(drive: DemoDrive, result: MethodResult) -> dict[str, str]:
-    space, n_tiles = result.method.method.space, len(drive.point_map.tile_keys)
+def _facts(bench: Bench) -> dict[str, str]:
+    space, n_tiles = DEMO_METHODS[HELMERT].space, len(bench.maps[STANDARD].tile_keys)
     n_headings, ny, nx = space.shape
     return {
-        "Map": f"{len(drive.dataset.map_clouds)} LAZ clouds, {n_tiles} tiles of voxels of {space.cell_edge:g} m",
+        "Map": f"{n_tiles} tiles of voxels of {space.cell_edge:g} m, from clouds of a mapping vehicle",
         "Search": f"{n_headings} headings x {ny} x {nx} cells: {space.n_cells:,} poses per epoch, none left out",
-        "Scans": f"{len(result.epochs)} epochs of a VLP-16 with 3 cm noise; other cars are parked than in the map",
+        "Scans": f"{len(bench.scans)} epochs of a VLP-16 with 3 cm noise; other cars are parked than in the map",
     }

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
-from maxcon.plotting.figure import INK, add_axes, saved_figure
+from maxcon.plotting.figure import INK, saved_figure
 from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.plotting.score_panel import (
     SearchSpaceView,
@@ -39,13 +39,7 @@ from maxcon.search.space import SearchSpace
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.image import AxesImage
-
-WIDTH, HEIGHT = 15.1, 9.35
-# Inches: where the panels and the scene lie.
-BOTTOM, SIDE = 1.25, 6.5
-PANELS_LEFT, SCENE_LEFT = 0.85, 8.25
+    from matplotlib.figure import SubFigure
 
 
 def plot_epoch(
@@ -75,68 +69,41 @@ def plot_epoch(
     view = SearchSpaceView(accumulator, as_objective(objective))
     scene = Scene(scan, point_map, accumulator.prior, accumulator.space, estimate, reference)
     words = answer_words(estimate, accumulator.prior, reference)
-    with saved_figure(path, WIDTH, HEIGHT, title, words) as figure:
-        _draw_panels(figure, view, reference)
-        handles = draw_scene(add_axes(figure, SCENE_LEFT, BOTTOM, SIDE, SIDE), scene)
-        middle = (SCENE_LEFT + 0.5 * SIDE) / WIDTH
-        figure.legend(
-            handles=handles, loc="lower center", bbox_to_anchor=(middle, 0.04 / HEIGHT), ncols=3, columnspacing=1.4
-        )
+    with saved_figure(path, 15.1, 9.35, title, words) as figure:
+        left, right = figure.subfigures(1, 2, squeeze=False)[0]
+        _draw_panels(left, view, reference)
+        handles = draw_scene(right.subplots(), scene)
+        right.legend(handles=handles, loc="outside lower center", ncols=3, columnspacing=1.4)
 
 
-def _draw_panels(figure: Figure, view: SearchSpaceView, reference: Pose | None) -> None:
-    """Draw one panel per heading, the best one in a frame, and their common colour scale."""
+def _draw_panels(figure: SubFigure, view: SearchSpaceView, reference: Pose | None) -> None:
+    """Draw one panel per heading, the best one in a frame, their common colour scale, and what they are."""
     from matplotlib.colors import Normalize
 
-    headings = chosen_headings(view.space.shape[0], view.best[0])
+    n_headings = view.space.shape[0]
+    headings = chosen_headings(n_headings, view.best[0])
     marked = -1 if reference is None else view.heading_nearest(reference, headings)
-    norm = Normalize(*view.limits)
-    first_of_row: dict[float, float] = {}
-    for heading, (left, bottom, side) in zip(headings, panel_places(len(headings)), strict=True):
-        axes = add_axes(figure, left, bottom, side, side)
+    norm, n_columns = Normalize(*view.limits), math.isqrt(len(headings) - 1) + 1
+    panels = figure.subplots(-(-len(headings) // n_columns), n_columns, squeeze=False, sharex=True, sharey=True)
+    for axes in panels.flat[len(headings) :]:
+        axes.set_visible(False)
+    for heading, axes in zip(headings, panels.flat, strict=False):
         image = draw_heading(axes, view, heading, norm, reference if heading == marked else None)
         is_best = view.has_best_at(heading)
         words = turn_words(view.space, heading) + (" (best)" if is_best else "")
         axes.set_title(words, fontweight="bold" if is_best else "normal", pad=5)
         draw_frame(axes, is_best=is_best)
-        is_first = first_of_row.setdefault(bottom, left) == left
-        axes.tick_params(labelleft=is_first, labelbottom=bottom == BOTTOM)
-    _draw_scale(figure, view, image, len(headings), reference)
-
-
-def panel_places(n_panels: int) -> list[tuple[float, float, float]]:
-    """Left, bottom and side of each panel, inches: rows are centred and of nearly equal length."""
-    n_rows = math.isqrt(n_panels - 1) + 1
-    lengths = [len(range(row, n_panels, n_rows)) for row in range(n_rows)]
-    gap = 0.34
-    side = (SIDE - gap * (n_rows - 1)) / n_rows
-    places = []
-    for row, length in enumerate(lengths):
-        left = PANELS_LEFT + 0.5 * (SIDE - length * (side + gap) + gap)
-        bottom = BOTTOM + (n_rows - 1 - row) * (side + gap)
-        places += [(left + column * (side + gap), bottom, side) for column in range(length)]
-    return places
-
-
-def _draw_scale(figure: Figure, view: SearchSpaceView, image: AxesImage, n_drawn: int, reference: Pose | None) -> None:
-    """Write what the panels are, with the colour scale below and the marks above."""
-    n_headings = view.space.shape[0]
-    n_words = f"All {n_headings}" if n_drawn == n_headings else f"{n_drawn} of {n_headings}"
+    n_words = f"All {n_headings}" if len(headings) == n_headings else f"{len(headings)} of {n_headings}"
     drawn = "The prior's heading" if n_headings == 1 else f"{n_words} headings about the prior's"
-    top = (BOTTOM + SIDE + 0.42) / HEIGHT
-    cells = f"cells of {100.0 * view.space.cell_edge:g} cm"
-    figure.text(PANELS_LEFT / WIDTH, top, f"{drawn}, {cells}", fontsize=11)
-    figure.legend(
-        handles=cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2], loc="center right",
-        bbox_to_anchor=((PANELS_LEFT + SIDE) / WIDTH, top + 0.07 / HEIGHT), ncols=2, borderpad=0.0, handletextpad=1.0,
-        borderaxespad=0.0,
-    )  # fmt: skip
-    across, up = (PANELS_LEFT + 0.5 * SIDE) / WIDTH, (BOTTOM + 0.5 * SIDE) / HEIGHT
-    figure.text(across, 0.76 / HEIGHT, "x from the prior [m]", ha="center", fontsize=10.5)
-    figure.text(0.2 / WIDTH, up, "y from the prior [m]", va="center", rotation=90, fontsize=10.5)
-    draw_color_bar(figure, image, add_axes(figure, PANELS_LEFT, 0.46, 3.7, 0.15), "horizontal")
-    words, left = f"{title_of(view.objective)} [{unit_of(view.objective)}]", (PANELS_LEFT + 3.85) / WIDTH
-    figure.text(left, 0.53 / HEIGHT, words, fontsize=10.5, va="center", parse_math=False)
+    figure.suptitle(f"{drawn}, cells of {100.0 * view.space.cell_edge:g} cm", fontsize=11)
+    for axes in panels[-1]:
+        axes.set_xlabel("x from the prior [m]")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("y from the prior [m]")
+    bar = draw_color_bar(figure, image, panels)
+    bar.set_label(f"{title_of(view.objective)} [{unit_of(view.objective)}]", parse_math=False)
+    marks = cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2]
+    figure.legend(handles=marks, loc="outside lower center", ncols=2, handletextpad=1.0)
 
 
 def answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> str:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The common style of all figures, their files (same input, same bytes), and axes in inches."""
+"""The common style of all figures, and their files (same input, same bytes)."""
 
 import os
 from collections.abc import Iterator
@@ -12,7 +12,6 @@ from maxcon._system.atomic import atomic_file
 from maxcon.errors import MissingExtraError, OptionError
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 INK, MUTED = "#1f2430", "#5b6270"
@@ -62,6 +61,8 @@ def saved_figure(
 
     path: ends in .png, of 120 pixels to the inch, or .svg.
     title, lines: written at the top left; a $ in them begins no formula.
+
+    Axes and outer legends share the room below the title by themselves.
     """
     kind = Path(path).suffix.lower().removeprefix(".")
     if kind not in _METADATA:
@@ -79,12 +80,20 @@ def saved_figure(
         left, top = 0.3 / width, 1.0 - 0.16 / height
         figure.text(left, top, title, fontsize=15, fontweight="bold", va="top", parse_math=False)
         figure.text(left, top - 0.34 / height, lines, fontsize=11, va="top", linespacing=1.35, parse_math=False)
+        top_of_axes = 1.0 - (0.62 + 0.2 * (1 + lines.count("\n"))) / height
+        rect = (0.12 / width, 0.06 / height, 1.0 - 0.3 / width, top_of_axes - 0.06 / height)
+        figure.set_layout_engine("constrained", rect=rect, w_pad=0.08, h_pad=0.06)
         yield figure
+        _keep_layout(figure)
         with atomic_file(path) as partial:
             figure.savefig(partial, format=kind, metadata=_METADATA[kind])
 
 
-def add_axes(figure: "Figure", left: float, bottom: float, width: float, height: float, **options: Any) -> "Axes":
-    """Add axes to a figure; place and size in inches."""
-    across, up = figure.get_size_inches()
-    return figure.add_axes((left / across, bottom / up, width / across, height / up), **options)
+def _keep_layout(figure: "Figure") -> None:
+    """Lay the axes out, and round where they lie: the last bits of the layout differ from one call to the next."""
+    from matplotlib.transforms import Bbox
+
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        axes.set_position(Bbox(axes.get_position(original=True).get_points().round(6)))

@@ -2,15 +2,20 @@
 # SPDX-License-Identifier: MIT
 """The map from above, as grey squares: dark where many voxels lie above each other, as in walls; a scale bar."""
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.map import PointMap
+from maxcon.plotting.figure import saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
 # Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
@@ -106,3 +111,24 @@ def round_length(length: float) -> float:
     """Return the longest of 1, 2 and 5 times a power of ten that is not above `length`."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(max(digit * power for digit in (1.0, 2.0, 5.0) if digit * power <= length * (1.0 + 1e-9)))
+
+
+SIDE = 6.6
+"""Longer side of a map that fills a figure, inches."""
+
+
+@contextmanager
+def map_figure(
+    path: str | os.PathLike[str],
+    window: Window,
+    point_map: PointMap | None,
+    titles: tuple[str, str],
+    side: float = SIDE,
+) -> Iterator[tuple["Figure", "Axes"]]:
+    """Yield a figure with the map of a window, its longer side about so many inches, and its axes."""
+    width, height = (side * length / max(window.size) for length in window.size)
+    with saved_figure(path, max(width + 2.2, 7.4), height + 2.4, *titles) as figure:
+        axes = figure.subplots()
+        draw_map(axes, point_map, window)
+        yield figure, axes
+        draw_scale_bar(axes, window)

@@ -5,25 +5,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from maxcon.errors import ArrayError
 from maxcon.map import PointMap
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
-from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar
+from maxcon.plotting.figure import INK, MUTED, SERIES
+from maxcon.plotting.from_above import Window, map_figure
 from maxcon.scan.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-# Inches: the longer side of the map, and room to its left.
-SIDE, LEFT = 6.6, 0.85
 # More arrows than this cover each other.
 N_ARROWS = 60
 
@@ -48,7 +39,7 @@ def plot_poses(
     window = Window.with_room(places)
     east, north, _ = point_map.frame.origin
     words = f"{len(poses)} poses. Local frame: {east:.0f} m east and {north:.0f} m north are (0, 0)."
-    with _map_axes(path, window, point_map, (title, words), right=1.2, below=0.95) as (_, axes):
+    with map_figure(path, window, point_map, (title, words)) as (figure, axes):
         if prior is not None:
             rough = point_map.frame.to_local(prior.positions)
             axes.plot(*rough[:, :2].T, color=SERIES[1], lw=1.4, zorder=3, label="prior")
@@ -59,6 +50,7 @@ def plot_poses(
             *places[::step, :2].T, np.cos(headings), np.sin(headings), color=INK, angles="xy", scale_units="xy",
             scale=18.0 / max(window.size), width=0.004, zorder=6,
         )  # fmt: skip
+        figure.legend(loc="outside lower left", ncols=2)
 
 
 def plot_drive(
@@ -88,7 +80,7 @@ def plot_drive(
     is_good, is_missing = values <= success, np.isnan(values)
     words = f"{int(is_good.sum())} of {len(values)} epochs within {success:g} m of the reference."
     window = Window.with_room(places)
-    with _map_axes(path, window, point_map, (title, words), right=2.0, below=1.2) as (figure, axes):
+    with map_figure(path, window, point_map, (title, words)) as (figure, axes):
         axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
         colors = axes.scatter(
             places[is_good, 0], places[is_good, 1], c=values[is_good], cmap="viridis", vmin=0.0, vmax=success, s=42,
@@ -99,28 +91,5 @@ def plot_drive(
             *places[is_wrong].T, "D", ms=9, mfc=SERIES[1], mec="black", mew=0.8, zorder=5, label="farther: failed"
         )
         axes.plot(*places[is_missing].T, "x", ms=9, mec="black", mew=2.2, zorder=5, label="not localized")
-        box, width = axes.get_position(), figure.get_size_inches()[0]
-        bar = figure.add_axes((box.x1 + 0.15 / width, box.y0, 0.15 / width, box.height))
-        figure.colorbar(colors, cax=bar).set_label("error [m]")
-
-
-@contextmanager
-def _map_axes(
-    path: str | os.PathLike[str],
-    window: Window,
-    point_map: PointMap | None,
-    titles: tuple[str, str],
-    *,
-    right: float,
-    below: float,
-) -> Iterator[tuple[Figure, Axes]]:
-    """A figure with the map of a window, and a legend of what is drawn on it; room right and below in inches."""
-    scale = SIDE / max(window.size)
-    drawn_width, drawn_height = window.size[0] * scale, window.size[1] * scale
-    width, height = max(drawn_width + right, 5.6), drawn_height + below + 1.15
-    with saved_figure(path, width, height, *titles) as figure:
-        axes = add_axes(figure, LEFT, below, drawn_width, drawn_height)
-        draw_map(axes, point_map, window)
-        yield figure, axes
-        draw_scale_bar(axes, window)
-        figure.legend(*axes.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.6 / width, 0.0), ncols=2)
+        figure.colorbar(colors, ax=axes, label="error [m]")
+        figure.legend(loc="outside lower left", ncols=3)

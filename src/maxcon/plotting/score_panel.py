@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from maxcon.search.space import Cell, SearchSpace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
+    from matplotlib.figure import SubFigure
     from matplotlib.image import AxesImage
     from matplotlib.lines import Line2D
 
@@ -164,12 +165,14 @@ def put_mark(axes: "Axes", mark: "Line2D", x: float, y: float) -> None:
     axes.add_line(mark)
 
 
-def draw_color_bar(figure: "Figure", image: "AxesImage", axes: "Axes", orientation: str) -> None:
-    """Draw the colour scale of an image into axes of its own."""
+def draw_color_bar(figure: "SubFigure", image: "AxesImage", panels: Any) -> "Colorbar":
+    """Draw the colour scale of an image below panels."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     words = FuncFormatter(lambda value, _: f"{value:,.6g}".replace("-", "−"))
-    figure.colorbar(image, cax=axes, orientation=orientation, ticks=MaxNLocator(5), format=words)
+    return figure.colorbar(
+        image, ax=panels, orientation="horizontal", shrink=0.6, aspect=30, ticks=MaxNLocator(5), format=words
+    )
 
 
 def turn_words(space: SearchSpace, heading: int) -> str:

@@ -2,34 +2,26 @@
 # SPDX-License-Identifier: MIT
 """`maxcon demo`: the table, the report, the same answers again, and what is not replaced."""
 
-import csv
-import math
 import os
 import re
 import subprocess
 import sys
-from types import SimpleNamespace
 
+import pyarrow.csv
 import pytest
 
 from maxcon.cli import main
-from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.demo import DEMO_METHODS, DEMO_NAMES
+from maxcon.lab.demo import ANSWERS, DEMO_METHODS, DEMO_NAMES, DemoResults
 from maxcon.lab.demo_page import worst_of_the_count
-from maxcon.lab.study.prior_trials import read_trials, summarize_trials
+from maxcon.lab.study.table import MethodRows, table_schema
 from maxcon.map import PointMap
 
-TABLES = [f"poses-{method.slug}.csv" for method in DEMO_METHODS]
 
-
-def _poses(folder):
-    """Each table without the milliseconds."""
-    tables = {}
-    for name in TABLES:
-        with (folder / name).open() as file:
-            tables[name] = [row | {"ms": ""} for row in csv.DictReader(file)]
-    return tables
+def _answers(folder):
+    """The table of answers."""
+    types = pyarrow.csv.ConvertOptions(column_types=table_schema(), strings_can_be_null=True)
+    return pyarrow.csv.read_csv(folder / ANSWERS, convert_options=types)
 
 
 def run_demo(*arguments):
@@ -59,7 +51,7 @@ def demo(built_once):
 def test_the_table_has_a_row_for_each_method(demo):
     _, printed = demo
     for method in DEMO_METHODS:
-        rows = [line for line in printed.splitlines() if method.name in line]
+        rows = [line for line in printed.splitlines() if method in line]
         assert len(rows) == 1
         assert re.search(r"\d of 4 .*\d\.\d{3} .*\d\.\d{3} .*\d\.\d\d .*\d+", rows[0])
     assert re.search(r"Helmert, a voxel once\D+4 of 4", printed)
@@ -68,13 +60,12 @@ def test_the_table_has_a_row_for_each_method(demo):
 @pytest.mark.documents
 def test_from_wide_priors_maximum_consensus_is_right_and_one_start_is_not(demo):
     folder, printed = demo
-    trials = [trial for trial in read_trials(folder / "prior-error.csv") if trial.offset == 12.0]
-    widest = {one.method: one for one in summarize_trials(trials)}
-    assert (widest["maxcon"].n_right, widest["maxcon"].n_wrong_but_good) == (4, 0)
-    assert sum(one.n_wrong_but_good for name, one in widest.items() if name.startswith("ICP")) > 0
-    assert min(one.n_right for name, one in widest.items() if name.startswith("ICP")) < 4
+    widest = {one.method: one for one in DemoResults.of(_answers(folder)).widest}
+    assert (widest["maxcon"].n_success, widest["maxcon"].n_false) == (4, 0)
+    assert sum(one.n_false for name, one in widest.items() if name.startswith("ICP")) > 0
+    assert min(one.n_success for name, one in widest.items() if name.startswith("ICP")) < 4
     for name, one in widest.items():
-        assert re.search(rf"{name} .* {one.n_right} of 4 .* {one.n_wrong_but_good} ", printed)
+        assert re.search(rf"{name} .* {one.n_success} of 4 .* {one.n_false} ", printed)
     told = " ".join(printed.split())
     assert "maximum consensus is right in 4 of 4 epochs; registration from one start in" in told
     assert "What searches the window first can do it too" in told
@@ -83,11 +74,10 @@ def test_from_wide_priors_maximum_consensus_is_right_and_one_start_is_not(demo):
 @pytest.mark.documents
 def test_everything_it_made_is_there(demo):
     folder, printed = demo
-    assert sorted(path.name for path in folder.iterdir()) == sorted([*DEMO_NAMES[:-1], *TABLES])
+    assert sorted(path.name for path in folder.iterdir()) == sorted(DEMO_NAMES)
     assert f"The report with pictures: {folder / 'report.html'}" in " ".join(printed.split("\n"))
     assert len(PointMap.open(folder / "city.map").tile_keys) > 1
     assert len(list(Dataset.open(folder / "dataset").scans.glob("*.bin"))) == 4
-    assert len(read_trajectory(folder / TABLES[-1])) == 4
 
 
 @pytest.mark.documents
@@ -110,18 +100,16 @@ def test_the_first_picture_shows_where_the_count_is_wrong_and_helmert_is_not(dem
     epoch = int(re.search(r"At epoch (\d+) the count", first).group(1))
     of_count, of_helmert, of_ours = map(float, re.findall(r"(\d+\.\d+) m[ ,.]", first)[:3])
     assert of_count > 0.3 > max(of_helmert, of_ours)
-    with (folder / "poses-helmert-occupied.csv").open() as file:
-        row = list(csv.DictReader(file))[epoch]
-    truth = read_trajectory(Dataset.open(folder / "dataset").reference).at(float(row["time"]))
-    assert of_ours == pytest.approx(math.hypot(float(row["x"]) - truth.x, float(row["y"]) - truth.y), abs=0.001)
+    near = DemoResults.of(_answers(folder)).near[-1]
+    assert of_ours == pytest.approx(near.numbers("distance")[epoch], abs=0.001)
 
 
 @pytest.mark.documents
 def test_a_second_run_replaces_it_by_the_same_poses(demo):
     folder, _ = demo
-    before, page = _poses(folder), (folder / "report.html").stat().st_mtime_ns
+    before, page = _answers(folder).drop_columns("ms"), (folder / "report.html").stat().st_mtime_ns
     run_demo("--out", folder, "--quiet")
-    assert _poses(folder) == before
+    assert _answers(folder).drop_columns("ms").equals(before)
     assert (folder / "report.html").stat().st_mtime_ns > page
     assert sorted(path.name for path in folder.parent.iterdir()) == ["out", "printed.txt"]
 
@@ -151,8 +139,12 @@ def test_anything_else_is_not_replaced(out, words, tmp_path, monkeypatch, capfd)
     assert sorted(path.name for path in tmp_path.rglob("*")) == left
 
 
-def error(distance):
-    return None if distance is None else SimpleNamespace(distance=distance, is_success=distance < 0.3)
+def rows(distances):
+    known = [
+        {"epoch": number, "distance": far, "is_success": far is not None and far < 0.3}
+        for number, far in enumerate(distances)
+    ]
+    return MethodRows("", "", pyarrow.Table.from_pylist(known, schema=table_schema()))
 
 
 @pytest.mark.parametrize(
@@ -163,8 +155,4 @@ def error(distance):
     ],
 )
 def test_the_epoch_shown_first_is_the_worst_of_the_count(of_count, of_helmert, expected):
-    results = [
-        SimpleNamespace(errors=[error(d) for d in found], distances=[math.nan if d is None else d for d in found])
-        for found in (of_count, of_helmert)
-    ]
-    assert worst_of_the_count(results) == expected
+    assert worst_of_the_count(rows(of_count), rows(of_helmert)) == expected

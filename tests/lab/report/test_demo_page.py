@@ -34,17 +34,20 @@ class Tags(HTMLParser):
         return [attributes for tag, attributes in self.tags if tag == name]
 
 
-def summary(objective, multiplicity, n_epochs, n_localized, n_success, median, worst, heading, ms):
+def method(objective, multiplicity):
+    return SimpleNamespace(objective=type(objective, (), {})(), multiplicity=multiplicity)
+
+
+def summary(name, n_epochs, n_localized, n_success, median, worst, heading, ms):
     """What the table shows of a method's results."""
-    named = SimpleNamespace(objective=type(objective, (), {})(), multiplicity=multiplicity)
-    accuracy = SimpleNamespace(
+    return SimpleNamespace(
+        method=name,
         n_epochs=n_epochs,
         n_success=n_success,
         distance=SimpleNamespace(median=median, worst=worst),
-        heading=SimpleNamespace(worst=heading),
-    )
-    return SimpleNamespace(
-        method=SimpleNamespace(method=named), accuracy=accuracy, n_localized=n_localized, median_milliseconds=ms
+        heading_error=SimpleNamespace(worst=heading),
+        n_localized=n_localized,
+        ms=SimpleNamespace(median=ms),
     )
 
 
@@ -57,9 +60,10 @@ def page(tmp_path_factory):
     return {
         "title": "maxcon demo",
         "headline": "A car was localized in 40 of 40 epochs.",
+        "methods": {"a": method("Count", "points"), "b": method("Helmert", "<&>")},
         "results": [
-            summary("Count", "points", 40, 40, 31, 0.052, 5.54, 0.0331613, 81.0),
-            summary("Helmert", "<&>", 40, 0, 0, float("nan"), float("nan"), float("nan"), 7.0),
+            summary("a", 40, 40, 31, 0.052, 5.54, 0.0331613, 81.0),
+            summary("b", 40, 0, 0, float("nan"), float("nan"), float("nan"), 7.0),
         ],
         "why": picture,
         "wide": picture,

@@ -1,70 +1,61 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Levels of a prior's error and trials at them: their file, their summary, and the benchmark's table and folder."""
+"""Levels of a prior's error, priors drawn at them, the statistics of a table by level, and the benchmark's table."""
 
 import importlib
 import math
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow
 import pytest
 
 from maxcon import MaximumConsensus, Pose
-from maxcon.errors import FileError, OptionError
+from maxcon.errors import OptionError
 from maxcon.lab.baselines import CountThenGicp, MultiStart
 from maxcon.lab.study.methods import MAP_VARIANTS
 from maxcon.lab.study.prior_trials import (
     COUNT_THEN_GICP,
     GICP_FROM_MANY,
     MAXCON,
-    PriorTrial,
     methods_at,
     prior_at,
     prior_level,
-    read_trials,
-    summarize_trials,
-    write_trials,
+    statistics_by_level,
 )
+from maxcon.lab.study.table import table_schema
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
 
-def trial(method, epoch=0, offset=12.0, *, good=True, right=True, distance=0.1, ms=10.0):
-    status = "localized" if good else "at the rim"
-    return PriorTrial(offset, 10.0, epoch, method, status, good, right, distance, -0.1, ms)
+def row(method, epoch=0, level="12 m, 10°", *, good=True, right=True, distance=0.1, ms=10.0):
+    known = {"prior": level, "method": method, "epoch": epoch, "status": "localized" if good else "at the rim"}
+    return known | {"is_localized": good, "is_success": right, "distance": distance, "ms": ms, "reference_x": 0.0}
 
 
-TRIALS = [
-    trial("b", 0, ms=10.0),
-    trial("b", 1, right=False, distance=5.0, ms=20.0),
-    trial("b", 2, good=False, distance=0.2, ms=40.0),
-    trial("a", 0, good=False, right=False, distance=3.0, ms=1.0),
-    trial("b", 0, 3.0, distance=0.05, ms=7.0),
+ROWS = [
+    row("maxcon", 0, ms=10.0),
+    row("maxcon", 1, right=False, distance=5.0, ms=20.0),
+    row("maxcon", 2, good=False, distance=0.2, ms=40.0),
+    row("a", 0, good=False, right=False, distance=3.0, ms=1.0),
+    row("maxcon", 0, "3 m, 2°", distance=0.05, ms=7.0),
 ]
+LEVELS = [prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0)]
 
 
-def test_summaries_by_hand():
-    found = summarize_trials(TRIALS)
-    assert [(one.offset, one.method) for one in found] == [(3.0, "b"), (12.0, "b"), (12.0, "a")]
-    small, wide, none = found
-    assert (small.n_epochs, small.n_right, small.n_good, small.n_wrong_but_good) == (1, 1, 1, 0)
-    assert (wide.n_epochs, wide.n_right, wide.n_good, wide.n_wrong_but_good) == (3, 2, 2, 1)
-    assert (wide.median_error, wide.median_ms, wide.p95_ms) == (pytest.approx(0.15), 20.0, pytest.approx(38.0))
-    assert (none.n_right, none.n_wrong_but_good) == (0, 0)
-    assert none.median_error != none.median_error
-    assert summarize_trials([]) == []
+def table(rows):
+    return pyarrow.Table.from_pylist(rows, schema=table_schema())
 
 
-def test_trials_come_back_from_their_file(tmp_path):
-    path = tmp_path / "drive.csv"
-    assert read_trials(path) == []
-    write_trials(path, TRIALS)
-    assert read_trials(path) == TRIALS
-    assert [file.name for file in tmp_path.iterdir()] == ["drive.csv"]
-    assert len({one.key for one in TRIALS}) == len(TRIALS)
-    path.write_text("epoch,method\n1,a\n")
-    with pytest.raises(FileError, match="trials of an earlier run"):
-        read_trials(path)
+def test_statistics_by_hand_in_the_order_of_levels_and_methods():
+    found = statistics_by_level(table(ROWS), LEVELS)
+    assert {level: [one.method for one in of_level] for level, of_level in found.items()} == {
+        "3 m, 2°": ["maxcon"],
+        "12 m, 10°": ["maxcon", "a"],
+    }
+    wide, none = found["12 m, 10°"]
+    assert (wide.n_epochs, wide.n_success, wide.n_localized, wide.n_false, wide.ms.median) == (3, 2, 2, 1, 20.0)
+    assert (none.n_success, none.n_false) == (0, 0)
 
 
 @pytest.fixture
@@ -75,10 +66,10 @@ def benchmark_module(monkeypatch):
 
 
 def test_the_table_has_a_row_per_level_and_method(benchmark_module):
-    lines = benchmark_module.table(summarize_trials(TRIALS))
+    lines = benchmark_module.table(table(ROWS), LEVELS)
     assert lines[2:] == [
-        "| 3 m, 10° | b | **1 of 1** | 1 | 0 | 7 | 7 | 5.0 |",
-        "| 12 m, 10° | b | 2 of 3 | 2 | 1 | 20 | 38 | 15.0 |",
+        "| 3 m, 2° | maxcon | **1 of 1** | 1 | 0 | 7 | 7 | 5.0 |",
+        "| 12 m, 10° | maxcon | 2 of 3 | 2 | 1 | 20 | 38 | 15.0 |",
         "|  | a | 0 of 1 | 0 | 0 | 1 | 1 | – |",
     ]
     assert len({line.count("|") for line in lines}) == 1

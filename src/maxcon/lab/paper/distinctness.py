@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.lab.charts import METHOD_STYLES, LegendShape, MethodStyle, draw_grid, draw_legend, draw_number_ticks
+from maxcon.lab.charts import METHOD_STYLES, MethodStyle, draw_grid, draw_legend, draw_number_ticks
 from maxcon.lab.distinctness import GUARD_RADIUS
 from maxcon.map import PointMap
-from maxcon.plotting.figure import INK, MUTED, add_axes, saved_figure
-from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar
+from maxcon.plotting.figure import INK, MUTED, saved_figure
+from maxcon.plotting.from_above import SIDE, Window, map_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,10 +26,6 @@ Floats = NDArray[np.float64]
 N_BINS = 31
 # A logarithmic axis spans at least this factor, or equal values would make a bar as wide as the panel.
 LEAST_SPAN = 6.0
-# Inches: the panels, and what is kept free around them.
-PANEL_WIDTH, PANEL_HEIGHT = 3.72, 2.75
-LEFT, ACROSS, BELOW, ABOVE, TITLES = 0.78, 0.82, 0.6, 0.56, 0.8
-LEGEND_ROW = 0.2
 
 
 class _Measure(NamedTuple):
@@ -71,23 +67,17 @@ def plot_distinctness(
     by_method: by the method's name, values of shape (n,) by the names of `MEASURES`, all of the same epochs; NaN where
         one is not defined.
     """
-    row_height = ABOVE + PANEL_HEIGHT + BELOW
-    width = 2 * (LEFT + PANEL_WIDTH) + 0.22
-    height = TITLES + 2 * row_height + LegendShape.of(list(by_method), width).height
     words = (
         f"Epochs of each method: {len(next(iter(by_method.values()))['spread'])}. Upright lines: medians."
         f" Peak ratio: rivals more than {GUARD_RADIUS:g} m away."
     )
-    with saved_figure(path, width, height, title, words) as figure:
-        for number, (field, measure) in enumerate(MEASURES.items()):
-            row, column = divmod(number, 2)
-            left = LEFT + column * (PANEL_WIDTH + ACROSS)
-            bottom = height - TITLES - row * row_height - ABOVE - PANEL_HEIGHT
-            axes = add_axes(figure, left, bottom, PANEL_WIDTH, PANEL_HEIGHT)
+    with saved_figure(path, 9.2, 9.2, title, words) as figure:
+        panels = figure.subplots(2, 2)
+        for axes, (field, measure) in zip(panels.flat, MEASURES.items(), strict=True):
             handles = _draw_measure(axes, measure, [values[field] for values in by_method.values()])
-            if column == 0:
-                axes.set_ylabel("share of all epochs [%]")
-        draw_legend(figure, handles, list(by_method), handle_length=2.6)
+        for axes in panels[:, 0]:
+            axes.set_ylabel("share of all epochs [%]")
+        draw_legend(figure, handles, list(by_method))
 
 
 def _draw_measure(axes: "Axes", measure: _Measure, by_method: list[Floats]) -> list[tuple["Patch", "Line2D"]]:
@@ -111,7 +101,7 @@ def _draw_measure(axes: "Axes", measure: _Measure, by_method: list[Floats]) -> l
     )  # fmt: skip
     # No ticks above the highest bin, where the medians are written.
     ticks = np.asarray(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0.0, highest))
-    free = (0.24 + LEGEND_ROW * len(by_method)) / PANEL_HEIGHT
+    free = 0.09 + 0.07 * len(by_method)
     axes.set(yticks=ticks[ticks <= 1.001 * highest], ylim=(0.0, highest / (1.0 - free)))
     if measure.least is not None:
         axes.set_xscale("log")
@@ -155,9 +145,8 @@ def _median_words(values: Floats, unit: str) -> str:
     return f"median {np.nanmedian(values):.3g}{unit}" + (f" (not defined in {n_missing})" if n_missing else "")
 
 
-# Kurtosis on the map (figure 6). Diameters of the circles, points; and the longer side of the window, inches.
-LARGE, SMALL, SIDE = 13.0, 6.5, 6.6
-MAP_LEFT, MAP_RIGHT, MAP_BELOW, MAP_TITLES, LEAST_WIDTH = 0.85, 1.15, 0.62, 1.12, 7.4
+# Kurtosis on the map (figure 6). Diameters of the circles, points.
+LARGE, SMALL = 13.0, 6.5
 # Kurtoses that span more than this factor get a logarithmic colour scale.
 SKEWED = 5.0
 
@@ -195,31 +184,22 @@ def plot_kurtosis_map(
     point_map: drawn below, in grey.
     """
     window = Window.with_room(places)
-    scale = SIDE / max(window.size)
-    spacing = 1.04 * LARGE / 72.0 / scale
+    spacing = 1.1 * LARGE / 72.0 / SIDE * max(window.size)
     shown = spaced_epochs(places, spacing)
-    drawn_width, drawn_height = window.size[0] * scale, window.size[1] * scale
-    width = max(MAP_LEFT + drawn_width + MAP_RIGHT, LEAST_WIDTH)
     labels = [f"large: {large[0]}", f"small: {small[0]}", "white: not defined"]
-    bottom = MAP_BELOW + LegendShape.of(labels, width).height
     medians = "; ".join(
         f"{name} {_median_words(values, '').removeprefix('median ')}" for name, values in (small, large)
     )
     words = (
         f"Medians of all epochs: {medians}.\n{len(shown)} of {len(places)} epochs shown, {spacing:.2g} m apart or more."
     )
-    with saved_figure(path, width, bottom + drawn_height + MAP_TITLES, title, words) as figure:
-        left = MAP_LEFT + 0.5 * (width - MAP_LEFT - drawn_width - MAP_RIGHT)
-        axes = add_axes(figure, left, bottom, drawn_width, drawn_height)
-        draw_map(axes, point_map, window)
+    with map_figure(path, window, point_map, (title, words)) as (figure, axes):
         colors = _draw_circles(axes, places, small[1], large[1], shown)
-        draw_scale_bar(axes, window)
-        bar = add_axes(figure, left + (drawn_width + 0.15), bottom, 0.16, drawn_height)
-        figure.colorbar(colors, cax=bar).set_label("kurtosis")
+        bar = figure.colorbar(colors, ax=axes, label="kurtosis").ax
         limits = colors.get_clim()
         if limits[1] > SKEWED * limits[0]:
             draw_number_ticks(bar.yaxis, *limits)
-        draw_legend(figure, _legend_circles(), labels, handle_length=1.6)
+        draw_legend(figure, _legend_circles(), labels)
 
 
 def _draw_circles(axes: "Axes", places: Floats, small: Floats, large: Floats, shown: list[int]) -> "ScalarMappable":

@@ -14,8 +14,8 @@ from maxcon.geometry import Pose, wrap_angle
 from maxcon.lab.charts import offset_words, scale_words
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points, half_width_of, is_off_the_ground
-from maxcon.plotting.figure import MUTED, SERIES, add_axes, saved_figure
-from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_patch
+from maxcon.plotting.figure import MUTED, SERIES, saved_figure
+from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_figure, map_patch
 from maxcon.plotting.score_panel import COLORS, SearchSpaceView, cell_marks, draw_scores, ground_of, put_mark, title_of
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 MOST_BLOCKS = 50
 # Exponent of the colour scale: in squares this small, all but the peak would be dark on a linear one.
 COLOR_POWER = 0.5
-# Inches: the side of the map from above, and what stands around it.
-SIDE, LEFT, RIGHT, BOTTOM, TOP = 8.2, 0.8, 0.2, 1.95, 1.05
 # Colour and line width of the frame of a search space: of this epoch, and of others.
 FRAMES = (("black", 2.6), (MUTED, 0.8))
 # Half width of the picture over the reach of a search space: it shows 75 m for the paper's space of 6 m.
@@ -70,14 +68,11 @@ def plot_overview(
     views = [SearchSpaceView(searched, objective) for searched, _ in epochs]
     are_localized = [found.is_localized for _, found in epochs]
     words = overview_words(estimate, objective, accumulator)
-    with saved_figure(path, LEFT + SIDE + RIGHT, BOTTOM + SIDE + TOP, title, words) as figure:
-        axes = add_axes(figure, LEFT, BOTTOM, SIDE, SIDE)
-        draw_map(axes, point_map, window)
+    with map_figure(path, window, point_map, (title, words), side=8.2) as (figure, axes):
         handles = [map_patch(), *draw_matches(axes, scene)]
         for number, (view, is_localized) in enumerate(zip(views, are_localized, strict=True)):
             draw_space(axes, view, is_localized, is_this=number == 0)
-        draw_scale_bar(axes, window)
-        _draw_overview_legend(figure, handles, views, are_localized)
+        _draw_overview_legend(figure, axes, handles, views, are_localized)
 
 
 def draw_matches(axes: "Axes", scene: Scene) -> list["Artist"]:
@@ -119,26 +114,28 @@ def _mark(is_localized: bool) -> "Line2D":
 
 
 def _draw_overview_legend(
-    figure: "Figure", handles: list["Artist"], views: Sequence[SearchSpaceView], are_localized: Sequence[bool]
+    figure: "Figure",
+    axes: "Axes",
+    handles: list["Artist"],
+    views: Sequence[SearchSpaceView],
+    are_localized: Sequence[bool],
 ) -> None:
     """Draw the colour scale of the search spaces, and below it what else there is."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import PowerNorm
     from matplotlib.patches import Patch
 
-    width, height = figure.get_size_inches()
     scale = ScalarMappable(PowerNorm(COLOR_POWER, 0.0, 1.0), cmap=COLORS)
-    bar = add_axes(figure, LEFT, 1.2, 2.6, 0.15)
-    figure.colorbar(scale, cax=bar, orientation="horizontal", ticks=[0.0, 0.1, 0.25, 0.5, 1.0], format="%g")
-    words = f"{scale_words(views)} (root scale)"
-    figure.text((LEFT + 2.75) / width, 1.27 / height, words, fontsize=10, va="center")
+    figure.colorbar(
+        scale, ax=axes, ticks=[0.0, 0.1, 0.25, 0.5, 1.0], format="%g", shrink=0.6,
+        label=f"{scale_words(views)} (root scale)",
+    )  # fmt: skip
     names = ["search space of this epoch", "search spaces of other epochs"][: len(views)]
     for name, (color, line_width) in zip(names, FRAMES, strict=False):
         handles.append(Patch(fill=False, ec=color, lw=line_width, label=name))
     marked = {good for view, good in zip(views, are_localized, strict=True) if view.has_best}
     handles += [_mark(is_localized) for is_localized in sorted(marked, reverse=True)]
-    corner = ((LEFT - 0.1) / width, 0.93 / height)
-    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=corner, ncols=3, columnspacing=1.4)
+    figure.legend(handles=handles, loc="outside lower left", ncols=2, columnspacing=1.4)
 
 
 def overview_words(estimate: Estimate, objective: Objective, accumulator: Accumulator) -> str:
@@ -165,10 +162,6 @@ OUTSIDE = "#d9d9d9"
 # Largest half width of the ground around the reference, m.
 MOST_HALF_WIDTH = 35.0
 SCAN_COLOR = SERIES[2]
-# Inches: the panels, and what stands around them.
-ROW_SIDE, ROW_LEFT, ROW_RIGHT, ROW_BOTTOM, ROW_TOP = 2.75, 0.3, 0.2, 0.95, 1.0
-FIRST_GAP, VIEW_GAP, ROW_HEIGHT = 0.85, 0.55, 3.95
-VIEWS_LEFT = ROW_LEFT + ROW_SIDE + FIRST_GAP
 
 
 class ComparisonRow(NamedTuple):
@@ -193,25 +186,29 @@ def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow],
     A search space is drawn at the heading of its best cell, with (0, 0) at the reference. Its colours run from
     0 (the lowest score, if negative) to its own highest: scores of different objectives have different units.
     """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.lines import Line2D
+
     n_places = max(len(row.views) for row in rows)
-    width = VIEWS_LEFT + n_places * (ROW_SIDE + VIEW_GAP) - VIEW_GAP + ROW_RIGHT
     words = (
         "Each square: all positions at the best heading, scored. Above it: where the best cell lies from the"
         "\nreference, in m and degrees. (0, 0) is right."
     )
-    with saved_figure(path, width, ROW_TOP + len(rows) * ROW_HEIGHT + ROW_BOTTOM, title, words) as figure:
-        for number, row in enumerate(rows):
-            bottom = ROW_BOTTOM + (len(rows) - 1 - number) * ROW_HEIGHT + 0.55
-            axes = add_axes(figure, ROW_LEFT, bottom, ROW_SIDE, ROW_SIDE)
-            _draw_ground(axes, row)
-            axes.set_title(row.label, loc="left", pad=12, parse_math=False, fontweight="bold")
-            for column, view in enumerate(row.views):
-                axes = add_axes(figure, VIEWS_LEFT + column * (ROW_SIDE + VIEW_GAP), bottom, ROW_SIDE, ROW_SIDE)
+    with saved_figure(path, 1.2 + 3.5 * (1 + n_places), 3.7 * len(rows) + 2.1, title, words) as figure:
+        panels = figure.subplots(len(rows), 1 + n_places, squeeze=False)
+        for (ground, *places), row in zip(panels, rows, strict=True):
+            _draw_ground(ground, row)
+            ground.set_title(row.label, loc="left", pad=12, parse_math=False, fontweight="bold")
+            for axes, view in zip(places, row.views, strict=True):
                 draw_view(axes, view, row.reference)
                 axes.set_title(view_words(view, row.reference), loc="left", pad=12, parse_math=False)
                 axes.set_xlabel("x from the reference [m]")
-                axes.set_ylabel("y from the reference [m]" if column == 0 else "")
-        _draw_comparison_legend(figure, scale_words(view for row in rows for view in row.views))
+            places[0].set_ylabel("y from the reference [m]")
+        scale = ScalarMappable(cmap=COLORS)
+        words = scale_words(view for row in rows for view in row.views)
+        figure.colorbar(scale, ax=panels[:, -1], ticks=[0.0, 0.5, 1.0], label=words, shrink=0.9)
+        dot = Line2D([], [], ls="", marker="o", ms=7, mew=0, color=SCAN_COLOR, label="scan at the reference")
+        figure.legend(handles=[map_patch(), dot, *cell_marks()], loc="outside lower left", ncols=4)
 
 
 def _draw_ground(axes: "Axes", row: ComparisonRow) -> None:
@@ -256,20 +253,3 @@ def view_words(view: SearchSpaceView, reference: Pose) -> str:
         return f"{name}\nall cells score the same"
     x, y, turn = best_from(view, reference)
     return f"{name}\n(x = {offset_words(x)}, y = {offset_words(y)}), turn {offset_words(math.degrees(turn))}°"
-
-
-def _draw_comparison_legend(figure: "Figure", words: str) -> None:
-    """Draw the colour scale that all search spaces share, and the marks."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.lines import Line2D
-
-    width, height = figure.get_size_inches()
-    bar = add_axes(figure, VIEWS_LEFT, 0.5, ROW_SIDE, 0.15)
-    figure.colorbar(ScalarMappable(cmap=COLORS), cax=bar, orientation="horizontal", ticks=[0.0, 0.5, 1.0])
-    figure.text(VIEWS_LEFT / width, 0.75 / height, words, fontsize=10)
-    dot = Line2D([], [], ls="", marker="o", ms=7, mew=0, color=SCAN_COLOR, label="scan at the reference")
-    corner, beside = (ROW_LEFT - 0.1) / width, (VIEWS_LEFT + ROW_SIDE + VIEW_GAP) / width
-    figure.legend(handles=[map_patch(), dot], loc="lower left", bbox_to_anchor=(corner, 0.18 / height))
-    figure.legend(
-        handles=cell_marks(), loc="lower left", bbox_to_anchor=(beside, 0.3 / height), ncols=2, handletextpad=1.0
-    )

@@ -20,7 +20,7 @@ from maxcon.lab.evaluation import (
     RiskCoverage,
     clopper_pearson,
 )
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
+from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,9 +45,6 @@ def _draw_dots(axes: "Axes", x: Floats, y: Floats, is_exceeded: NDArray[np.bool_
 
 # Errors below this part of the smallest sigma are drawn at it: the axis is logarithmic.
 LEAST = 0.03
-# Inches.
-AXES_WIDTH, AXES_HEIGHT, FRACTIONS_HEIGHT = 3.0, 3.3, 2.1
-LEFT, BETWEEN, RIGHT, BELOW, ABOVE_FRACTIONS, TITLES = 0.9, 1.0, 0.25, 0.62, 0.85, 1.5
 # Where the lower axis ends, sigmas.
 FARTHEST = 4.0
 
@@ -69,20 +66,18 @@ def plot_sigmas(path: str | os.PathLike[str], panels: Sequence[SigmaPanel], *, t
     path: a .png or .svg to write.
     panels: side by side; each with at least one epoch that has an error and a sigma.
     """
-    width = max(LEFT + len(panels) * AXES_WIDTH + (len(panels) - 1) * BETWEEN + RIGHT, 8.2)
-    bottom = BELOW + FRACTIONS_HEIGHT + ABOVE_FRACTIONS
     promised = ", ".join(f"{100.0 * fraction:.1f}" for fraction in PROMISED)
     words = (
         f"Above: a dot for each epoch, lines at 1, 2 and 3 sigma; {promised} % of the dots should lie below them.\n"
         "Below: the share of errors within so many sigmas; shaded: what so many epochs leave possible (95 %)."
     )
-    with saved_figure(path, width, bottom + AXES_HEIGHT + TITLES, title, words) as figure:
-        for number, panel in enumerate(panels):
-            left = LEFT + number * (AXES_WIDTH + BETWEEN)
+    with saved_figure(path, max(8.8, 4.0 * len(panels)), 8.2, title, words) as figure:
+        above, below = figure.subplots(2, len(panels), squeeze=False, height_ratios=(3.3, 2.1))
+        for panel, upper, lower in zip(panels, above, below, strict=True):
             is_known = np.isfinite(panel.errors) & np.isfinite(panel.sigmas)
             errors, sigmas = np.abs(panel.errors[is_known]), panel.sigmas[is_known]
-            _draw_sigmas(add_axes(figure, left, bottom, AXES_WIDTH, AXES_HEIGHT), panel, errors, sigmas)
-            _draw_fractions(add_axes(figure, left, BELOW, AXES_WIDTH, FRACTIONS_HEIGHT), errors / sigmas)
+            _draw_sigmas(upper, panel, errors, sigmas)
+            _draw_fractions(lower, errors / sigmas)
 
 
 def _draw_sigmas(axes: "Axes", panel: SigmaPanel, errors: Floats, sigmas: Floats) -> None:
@@ -125,8 +120,6 @@ def _draw_fractions(axes: "Axes", ratios: Floats) -> None:
 # Both axes of the Stanford diagram, m: a millimetre is below any reference's accuracy.
 LEAST_LEVEL = 1e-3
 NOMINAL, MISLEADING, HAZARDOUS, UNAVAILABLE = "#e3f4ec", "#fdeecb", "#f9d5c8", "#eceef2"
-# Inches.
-SIDE, STRIP, STANFORD_LEFT, STANFORD_BELOW, STANFORD_GAP = 4.2, 0.3, 1.0, 1.12, 1.05
 
 
 def plot_stanford(
@@ -147,36 +140,31 @@ def plot_stanford(
     """
     everything = np.abs(np.concatenate([*errors_by_direction.values(), *levels_by_direction.values()]))
     most = 1.6 * max(1.0, 2.0 * ALERT_LIMIT, float(np.nanmax(everything, initial=0.0)))
-    n_panels = len(errors_by_direction)
-    width = max(STANFORD_LEFT + n_panels * SIDE + (n_panels - 1) * STANFORD_GAP + 0.3, 7.4)
     words = (
         f"Right of the diagonal the error exceeds its protection level. Alert limit: {ALERT_LIMIT:g} m.\n"
         "Strip on top: errors of answers that the method withheld or gave no level for."
     )
-    height = STANFORD_BELOW + SIDE + STRIP + 1.3
-    with saved_figure(path, width, height, title, words) as figure:
-        for number, (name, errors) in enumerate(errors_by_direction.items()):
-            left, levels = STANFORD_LEFT + number * (SIDE + STANFORD_GAP), levels_by_direction[name]
-            axes = add_axes(figure, left, STANFORD_BELOW, SIDE, SIDE)
-            strip = add_axes(figure, left, STANFORD_BELOW + SIDE, SIDE, STRIP, sharex=axes)
+    with saved_figure(path, max(7.4, 5.3 * len(errors_by_direction)), 7.3, title, words) as figure:
+        panels = figure.subplots(1, len(errors_by_direction), squeeze=False)[0]
+        for axes, (name, errors) in zip(panels, errors_by_direction.items(), strict=True):
+            levels = levels_by_direction[name]
+            strip = axes.inset_axes((0.0, 1.0, 1.0, 0.07), sharex=axes)
             counts = ProtectionCounts.of(errors, levels)
             _draw_regions(axes, counts, most)
             _draw_levels(axes, strip, np.abs(errors), levels)
-            axes.set(xlim=(LEAST_LEVEL, most), ylim=(LEAST_LEVEL, most))
+            axes.set(xlim=(LEAST_LEVEL, most), ylim=(LEAST_LEVEL, most), box_aspect=1.0)
             for axis in (axes.xaxis, axes.yaxis):
                 draw_number_ticks(axis, LEAST_LEVEL, most, LEAST_LEVEL)
-            axes.set(xlabel=f"error {name} [m]", ylabel=f"protection level {name} [m]")
+            axes.set(xlabel=f"error {name} [m]\n\n{_proof(counts)}", ylabel=f"protection level {name} [m]")
             strip.set(ylim=(0.0, 1.0), yticks=[])
             strip.tick_params(which="both", bottom=False, labelbottom=False)
             strip.set_title(name, loc="left")
-            place = left / width, 0.5 / height
-            figure.text(*place, _proof(counts), fontsize=9.5, color=MUTED, va="top", parse_math=False)
 
 
 def _proof(counts: ProtectionCounts) -> str:
     """Say what the epochs prove of the rate at which errors exceed their level."""
     if counts.n_used == 0:
-        return "No epoch has a level within the alert limit: nothing is proved."
+        return "No epoch has a level within the alert limit:\nnothing is proved."
     return (
         f"Errors above their level: {counts.n_exceeded:,} of {counts.n_used:,} used epochs;\n"
         f"proved with 95 % confidence: a rate of at most {100.0 * counts.exceeded_bound:.1f} %."
@@ -237,7 +225,7 @@ def plot_risk_coverage(path: str | os.PathLike[str], by_method: Mapping[str, Ris
     )
     titles = ("Wrong answers among those accepted", words)
     top = min(102.0, 1.25 * max(LEAST_TOP, *(_highest(found) for found in by_method.values())))
-    with method_chart(path, labels, titles, height=4.1, above=1.4, right=0.3) as (axes, handles):
+    with method_chart(path, labels, titles) as (axes, handles):
         for number, (style, found) in enumerate(zip(METHOD_STYLES, by_method.values(), strict=False)):
             handles.append(_draw_risk(axes, style, found, APART * (number - 0.5 * (len(by_method) - 1))))
         axes.set(xlim=(0.0, 100.0 + 4.5 * APART), ylim=(-0.02 * top, top), xticks=np.arange(0, 101, 10))

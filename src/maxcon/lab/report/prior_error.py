@@ -5,23 +5,22 @@
 import math
 import os
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maxcon.lab.charts import METHOD_STYLES, draw_grid, draw_number_ticks
+from maxcon.lab.charts import METHOD_STYLES, draw_grid, draw_legend, draw_number_ticks
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
+from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-    from maxcon.lab.study.prior_trials import TrialSummary
+    from maxcon.lab.study.table import MethodStatistics
 
-# Inches: the panels of a drive (right, wrong, ms), and what stands around them.
-NARROWEST, PANEL, GAP, LEFT, RIGHT, TITLES = 7.4, 2.72, 0.22, 1.05, 0.2, 1.2
-HEIGHTS, BETWEEN, BELOW, LEGEND_ROW = (2.1, 1.05, 1.5), 0.22, 0.84, 0.235
+Levels = Mapping[str, Sequence["MethodStatistics"]]
+"""Methods at each level of the prior's error, by its name ("12 m, 10°"), rising."""
 LABELS = ("right [%]", "wrong, but\ncalled good [%]", "one epoch,\nmedian [ms]")
 LEAST_MS = 0.1
 """Shorter times, ms, are drawn at this one: the axis is logarithmic."""
@@ -51,111 +50,82 @@ LOOKS = {
 """Methods that search a window have wide lines, each wider than the next, as all lie at 100 %; others thin ones."""
 
 
-def plot_prior_error(path: str | os.PathLike[str], summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> None:
+def plot_prior_error(path: str | os.PathLike[str], levels_by_drive: Mapping[str, Levels]) -> None:
     """Draw how many epochs are right, how many wrong but called good, and the time of one, over the prior's error.
 
     path: a .png or .svg to write.
-    summaries_by_drive: one column per drive by its name; of the same methods, at most 8, the first emphasized.
+    levels_by_drive: one column per drive by its name; of the same methods, at most 8, the first emphasized.
     """
-    everything = [one for found in summaries_by_drive.values() for one in found]
+    from matplotlib.lines import Line2D
+
+    everything = [one for levels in levels_by_drive.values() for one in chain(*levels.values())]
     names = list(dict.fromkeys(one.method for one in everything))
-    others = {
+    looks = {names[0]: FIRST} | {
         name: LOOKS.get(name, _look(style.color, 1.5, style.line, style.marker, 6.0))
         for name, style in zip(names[1:], METHOD_STYLES[1:], strict=False)
     }
-    looks = {names[0]: FIRST, **others}
-    n_gaps = len(summaries_by_drive) - 1
-    width = max(NARROWEST, LEFT + (n_gaps + 1) * PANEL + n_gaps * GAP + RIGHT)
-    panel = (width - LEFT - RIGHT - n_gaps * GAP) / (n_gaps + 1)
-    n_columns = max(2, int(width / 2.9))
-    height = BELOW + LEGEND_ROW * -(-len(names) // n_columns) + sum(HEIGHTS) + 2.0 * BETWEEN + TITLES
     words = (
         f"Right: within {SUCCESS_WORDS} of the reference. Called good: by the method itself.\n"
         "Epochs and priors are the same for all. ms: in one thread; below at the widest prior."
     )
+    n_drives = len(levels_by_drive)
+    width, height = max(7.4, 1.3 + 2.9 * n_drives), 7.6
     with saved_figure(path, width, height, "How wrong may the prior be?", words) as figure:
-        limits = _limits(everything)
-        for number, (drive, found) in enumerate(summaries_by_drive.items()):
-            panels, top = [], height - TITLES
-            for row in HEIGHTS:
-                panels.append(add_axes(figure, LEFT + number * (panel + GAP), top - row, panel, row))
-                top -= row + BETWEEN
-            _draw_drive(panels, drive, found, looks, limits)
-            for axes, label in zip(panels, LABELS, strict=True):
-                if number:
-                    axes.tick_params(labelleft=False)
-                else:
-                    axes.set_ylabel(label)
-                    axes.yaxis.set_label_coords(-0.5 / panel, 0.5)
-        ms = {name: _median_ms(name, summaries_by_drive) for name in looks}
-        _draw_legend(figure, looks, ms, n_columns)
+        panels = figure.subplots(3, n_drives, sharey="row", squeeze=False, height_ratios=(2.1, 1.05, 1.5))
+        for column, (drive, levels) in zip(panels.T, levels_by_drive.items(), strict=True):
+            _draw_drive(column, drive, levels, looks)
+        _set_limits(list(panels[:, 0]), everything)
+        for axes, label in zip(panels[:, 0], LABELS, strict=True):
+            axes.set_ylabel(label)
+        figure.align_ylabels(panels[:, 0])
+        marks = [Line2D([], [], **look) for look in looks.values()]
+        # With times to two digits, as more would not be repeatable.
+        ms = [_median_ms(name, levels_by_drive) for name in looks]
+        labels = [f"{name}: {float(f'{took:.2g}'):,.0f} ms" for name, took in zip(looks, ms, strict=True)]
+        legend = draw_legend(figure, marks, labels, labelcolor=MUTED)
+        legend.get_texts()[0].set(color=INK, fontweight="bold")
 
 
-def _values(one: "TrialSummary") -> tuple[float, float, float]:
+def _values(one: "MethodStatistics") -> tuple[float, float, float]:
     """What is drawn of a method at a level: right, %; wrong but called good, %; ms."""
-    right, wrong = one.n_right / one.n_epochs, one.n_wrong_but_good / one.n_epochs
-    return 100.0 * right, 100.0 * wrong, max(one.median_ms, LEAST_MS)
+    return (
+        100.0 * one.n_success / one.n_epochs, 100.0 * one.n_false / one.n_epochs, max(one.ms.median, LEAST_MS),
+    )  # fmt: skip
 
 
-def _limits(found: Sequence["TrialSummary"]) -> list[tuple[float, float]]:
-    """Limits of the y axes: right, %; wrong, %, up to a multiple of 20; time, ms."""
+def _set_limits(panels: Sequence["Axes"], found: Sequence["MethodStatistics"]) -> None:
+    """Set the limits of the y axes: right, %; wrong, %, up to a multiple of 20; time, ms."""
     _, wrong, ms = zip(*map(_values, found), strict=True)
-    highest = max(20.0, 20.0 * math.ceil(max(wrong) / 20.0 - 1e-9))
-    return [(0.0, 103.0), (0.0, highest + 1.0), (0.7 * min(ms), 1.4 * max(ms))]
+    panels[0].set_ylim(0.0, 103.0)
+    panels[1].set_ylim(0.0, 1.0 + max(20.0, 20.0 * math.ceil(max(wrong) / 20.0 - 1e-9)))
+    panels[2].set(yscale="log", ylim=(0.7 * min(ms), 1.4 * max(ms)))
+    draw_number_ticks(panels[2].yaxis, *panels[2].get_ylim())
+    panels[2].minorticks_off()
 
 
-def _median_ms(name: str, summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> float:
-    """Median over the drives of a method's median time at the widest level, ms."""
-    of_drives = ([one for one in found if one.method == name] for found in summaries_by_drive.values())
-    return float(np.median([max(mine, key=lambda one: one.offset).median_ms for mine in of_drives]))
+def _median_ms(name: str, levels_by_drive: Mapping[str, Levels]) -> float:
+    """Median over the drives of a method's median time at the widest level that it has, ms."""
+    of_drives = [[one for one in chain(*levels.values()) if one.method == name] for levels in levels_by_drive.values()]
+    return float(np.median([mine[-1].ms.median for mine in of_drives]))
 
 
-def _draw_drive(
-    panels: Sequence["Axes"],
-    drive: str,
-    found: Sequence["TrialSummary"],
-    looks: Mapping[str, dict[str, Any]],
-    limits: Sequence[tuple[float, float]],
-) -> None:
+def _draw_drive(panels: Sequence["Axes"], drive: str, levels: Levels, looks: Mapping[str, dict[str, Any]]) -> None:
     """Draw one column of panels; the levels of the prior's error stand at equal distances, whatever their values."""
-    n_epochs = max(one.n_epochs for one in found)
+    n_epochs = max(one.n_epochs for one in chain(*levels.values()))
     panels[0].set_title(f"{drive}, {n_epochs} epochs", loc="left", fontweight="bold", parse_math=False)
-    panels[2].set_yscale("log")
-    levels = sorted({(one.offset, one.heading_deg) for one in found})
     for rank, (name, look) in enumerate(reversed(list(looks.items()))):
-        rows = sorted((one for one in found if one.method == name), key=lambda one: one.offset)
-        places = [levels.index((one.offset, one.heading_deg)) for one in rows]
+        rows = [
+            (place, *_values(one)) for place, found in enumerate(levels.values()) for one in found if one.method == name
+        ]
         # Wide lines lie below thin ones, the first method above all.
         above = 9.0 if look is FIRST else 2.0 + 0.1 * rank + (2.0 if look["lw"] < 2.0 else 0.0)
-        for axes, values in zip(panels, np.array([_values(one) for one in rows]).reshape(-1, 3).T, strict=True):
-            axes.plot(places, values, zorder=above, **look)
-    for axes, (low, high) in zip(panels, limits, strict=True):
-        axes.set_xlim(-0.3, len(levels) - 0.7)
-        axes.set_ylim(low, high)
-        axes.set_xticks(range(len(levels)))
+        places, *values = np.array(rows).reshape(-1, 4).T
+        for axes, drawn in zip(panels, values, strict=True):
+            axes.plot(places, drawn, zorder=above, **look)
+    for axes in panels:
+        axes.set(xlim=(-0.3, len(levels) - 0.7), xticks=range(len(levels)))
         draw_grid(axes, color="#e3e6eb")
         axes.spines[["top", "right"]].set_visible(False)
-        axes.tick_params(labelbottom=False)
-    draw_number_ticks(panels[2].yaxis, *limits[2])
-    panels[2].minorticks_off()
-    panels[2].tick_params(labelbottom=True)
-    panels[2].set_xticklabels([f"{offset:g} m\n{heading:g}°" for offset, heading in levels])
+        axes.tick_params(labelbottom=axes is panels[2])
+    panels[2].set_xticklabels([name.replace(", ", "\n") for name in levels])
     panels[2].set_xlabel("prior wrong by up to", labelpad=2.0)
-
-
-def _draw_legend(
-    figure: "Figure", looks: Mapping[str, dict[str, Any]], ms: Mapping[str, float], n_columns: int
-) -> None:
-    """Name the methods below, with their times to two digits, as more would not be repeatable; the first in bold."""
-    from matplotlib.lines import Line2D
-
-    legend = figure.legend(
-        [Line2D([], [], **look) for look in looks.values()],
-        [f"{name}: {float(f'{ms[name]:.2g}'):,.0f} ms" for name in looks],
-        loc="lower left", bbox_to_anchor=(0.2 / figure.get_size_inches()[0], 0.0), ncols=n_columns, handlelength=2.6,
-        columnspacing=1.6, labelspacing=0.45,
-    )  # fmt: skip
-    for text in legend.get_texts():
-        text.set_parse_math(False)
-        text.set_color(MUTED)
-    legend.get_texts()[0].set(color=INK, fontweight="bold")

@@ -3,7 +3,7 @@
 """Single epochs of a study, searched again for its page: overview, headings, count beside Helmert."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -74,19 +74,17 @@ SHOWN_BECAUSE = {
 
 
 @dataclass(frozen=True, eq=False)
-class StudyScenes:
-    """Epochs of a study, searched again for its pictures.
+class Scenes:
+    """Epochs of a dataset, searched again for pictures.
 
     bench, prior, point_map: the dataset, opened; the prior's name; the standard map.
-    method: the study's method with Helmert's score, in its search space.
-    multiplicity: `occupied` or `points`: whether a match counts once, or as often as its voxel has map points.
+    method: searches, if no other is named.
     """
 
     bench: Bench
     prior: str
     point_map: PointMap
     method: MaximumConsensus
-    multiplicity: str
 
     def poses(self, epoch: int) -> tuple[Pose, Pose]:
         """Prior and reference of an epoch, local frame."""
@@ -95,12 +93,28 @@ class StudyScenes:
         prior, reference = (self.point_map.frame.pose_to_local(pose) for pose in both)
         return prior, reference
 
-    def search(self, epoch: int) -> tuple[Scan, Accumulator, Estimate]:
+    def search(self, epoch: int, method: MaximumConsensus | None = None) -> tuple[Scan, Accumulator, Estimate]:
         """Search an epoch around its prior; return its scan, its accumulator and the answer."""
         raw = self.bench.scans.read(epoch, self.bench.options.min_range, self.bench.options.max_range)
-        scan = scan_of(raw)
-        accumulator = self.method.accumulate(scan, self.point_map, self.poses(epoch)[0])
-        return scan, accumulator, self.method.conclude(accumulator, scan, self.point_map)
+        scan, method = scan_of(raw), method or self.method
+        accumulator = method.accumulate(scan, self.point_map, self.poses(epoch)[0])
+        return scan, accumulator, method.conclude(accumulator, scan, self.point_map)
+
+    def draw_epoch(self, path: Path, epoch: int, title: str) -> None:
+        """Draw all headings of an epoch, and its scene (the paper's figure 2)."""
+        scan, accumulator, estimate = self.search(epoch)
+        plot_epoch(
+            path, accumulator=accumulator, objective=Helmert(), estimate=estimate, scan=scan, point_map=self.point_map,
+            title=title, reference=self.poses(epoch)[1],
+        )  # fmt: skip
+
+    def row(self, label: str, epoch: int, views: Sequence[SearchSpaceView], scan: Scan) -> ComparisonRow:
+        """Return the row of an epoch for a comparison of its search spaces."""
+        return ComparisonRow(label, scan, self.point_map, self.poses(epoch)[1], views)
+
+
+class StudyScenes(Scenes):
+    """Epochs of a study; the method is the study's with Helmert's score, in its search space."""
 
     def overview(self, path: Path, epoch: int, helmert: MethodRows) -> Picture:
         """Draw the map, the scan, the consensus set and the search spaces along the drive (the paper's figure 3)."""
@@ -120,12 +134,8 @@ class StudyScenes:
         )
 
     def headings(self, path: Path, epoch: int) -> Picture:
-        """Draw all headings of an epoch, and its scene (the paper's figure 2)."""
-        scan, accumulator, estimate = self.search(epoch)
-        plot_epoch(
-            path, accumulator=accumulator, objective=Helmert(), estimate=estimate, scan=scan, point_map=self.point_map,
-            title=f"Epoch {epoch}: every heading", reference=self.poses(epoch)[1],
-        )  # fmt: skip
+        """Draw all headings of an epoch, and its scene."""
+        self.draw_epoch(path, epoch, f"Epoch {epoch}: every heading")
         return Picture(
             "All headings",
             "Left: Helmert's score of every position, a panel for each heading, in one scale of colours: the peak"
@@ -140,8 +150,7 @@ class StudyScenes:
         for label, epoch in epochs.items():
             scan, accumulator, _ = self.search(epoch)
             views = (SearchSpaceView(accumulator, Count()), SearchSpaceView(accumulator, Helmert()))
-            reference = self.poses(epoch)[1]
-            rows.append(ComparisonRow(f"{label}, epoch {epoch}", scan, self.point_map, reference, views))
+            rows.append(self.row(f"{label}, epoch {epoch}", epoch, views, scan))
             words.append(f"epoch {epoch}, {SHOWN_BECAUSE[label]}")
         plot_comparison(path, rows, title="Count beside Helmert's score")
         return Picture(
@@ -205,19 +214,18 @@ def open_scenes(
         return None
     multiplicity = name.partition("-")[2]
     method = cast(MaximumConsensus, known_methods(space)[f"helmert-{multiplicity}"].method)
-    return StudyScenes(bench, prior, bench.maps[STANDARD], method, multiplicity)
+    return StudyScenes(bench, prior, bench.maps[STANDARD], method)
 
 
 def draw_scenes(
     folder: Path, scenes: StudyScenes, methods: Mapping[str, MethodRows], notes: list[str]
 ) -> list[Picture]:
     """Draw overview, headings and comparison into a folder; what cannot be shown, and why, is added to the notes."""
-    helmert, count = (methods.get(f"{name}-{scenes.multiplicity}") for name in ("helmert", "count"))
+    multiplicity = scenes.method.multiplicity
+    helmert, count = (methods.get(f"{name}-{multiplicity}") for name in ("helmert", "count"))
     epochs = pick_epochs(count, helmert) if count is not None and helmert is not None else {}
     if not epochs or helmert is None:
-        notes.append(
-            f"No scenes: no epoch where both count-{scenes.multiplicity} and helmert-{scenes.multiplicity} succeed."
-        )
+        notes.append(f"No scenes: no epoch where both count-{multiplicity} and helmert-{multiplicity} succeed.")
         return []
     try:
         return [

@@ -177,7 +177,7 @@ def plot_error_distributions(path: Path, errors_by_method: Mapping[str, Floats])
     )
     labels = [_label(name, values) for name, values in errors_by_method.items()]
     titles = ("How many epochs stay within which error", words)
-    with method_chart(path, labels, titles, height=4.3, above=0.92) as (axes, handles):
+    with method_chart(path, labels, titles) as (axes, handles):
         for number, (style, errors) in enumerate(zip(METHOD_STYLES, errors_by_method.values(), strict=False)):
             limits = np.unique([LEAST, *errors[(errors > LEAST) & (errors < MOST)], MOST])
             handles += axes.plot(
@@ -230,7 +230,7 @@ def plot_success(path: str | os.PathLike[str], found: Mapping[str, tuple[Floats,
         "Numbers above: epochs in each bin. Below: success over all epochs."
     )
     titles = ("Success by the error of the prior", words)
-    with method_chart(path, labels, titles, height=4.1, above=1.3, left=1.02, right=0.2) as (axes, handles):
+    with method_chart(path, labels, titles) as (axes, handles):
         for number, (total, good) in enumerate(counts.values()):
             apart = (number - 0.5 * (len(counts) - 1)) * min(0.12, 0.7 / len(counts))
             handles += _draw_rates(axes, number, edges[:-1] + (0.5 + apart) * edges[1], total, good)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from maxcon.estimate import Status
 from maxcon.lab.charts import draw_grid
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
+from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,9 +36,8 @@ ROOM = 1.25
 MOST_STROKES = 400
 # More epochs are drawn as pixels, as their strokes would take megabytes.
 MANY_EPOCHS = 300
-# Inches.
-WIDTH, LEFT, RIGHT, BELOW, TITLES, BETWEEN = 11.5, 1.75, 0.25, 1.0, 1.08, 0.12
-STATUS_ROW, ERROR_ROW = 0.24, 1.35
+# Inches: the width of the figure and of its rows, and the heights of rows.
+WIDTH, ROW_WIDTH, STATUS_ROW, ERROR_ROW = 11.5, 9.5, 0.24, 1.35
 
 
 class ErrorRow(NamedTuple):
@@ -93,23 +92,22 @@ def plot_timeline(
     words = sorted(Counter(statuses), key=lambda word: (word != Status.LOCALIZED.value, -statuses.count(word)))
     lines = [(word, said == word, STATUS_COLORS.get(word, MUTED)) for word in words]
     lines.append(("trusted and wrong", trusted & is_wrong, WRONG))
-    height = BELOW + len(rows) * (ERROR_ROW + BETWEEN) + len(lines) * STATUS_ROW + TITLES
     subtitle = _words(rows, len(epochs), int((trusted & is_wrong).sum()))
     # Width of the stroke of an epoch, points: without gaps between neighbours, and never too thin to be seen.
     step = float(np.median(np.diff(epochs))) if len(epochs) > 1 else 1.0
     extent = max(float(np.ptp(epochs)), 1.0)
-    stroke = float(np.clip(0.9 * 72.0 * (WIDTH - LEFT - RIGHT) * step / extent, 0.9, 8.0))
-    with saved_figure(path, WIDTH, height, title, subtitle) as figure:
-        bottom = height - TITLES - len(lines) * STATUS_ROW
-        first = _add_row(figure, bottom, len(lines) * STATUS_ROW, None)
+    stroke = float(np.clip(0.9 * 72.0 * ROW_WIDTH * step / extent, 0.9, 8.0))
+    heights = [len(lines) * STATUS_ROW, *([ERROR_ROW] * len(rows))]
+    with saved_figure(path, WIDTH, 2.2 + sum(heights), title, subtitle) as figure:
+        first, *others = panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for axes in panels:
+            draw_grid(axes)
         _draw_statuses(first, epochs, lines, stroke)
-        for row in rows:
-            bottom -= ERROR_ROW + BETWEEN
-            axes = _add_row(figure, bottom, ERROR_ROW, first)
+        for axes, row in zip(others, rows, strict=True):
             _draw_errors(axes, row, epochs, trusted, stroke, 0.5 * max(step, extent / MOST_STROKES))
             axes.set_ylabel(f"{row.name}\n[{row.unit}]", labelpad=8)
-        axes.set_xlabel("epoch (number of the scan)")
-        axes.tick_params(labelbottom=True)
+        figure.align_ylabels(others)
+        panels[-1].set_xlabel("epoch (number of the scan)")
         margin = max(0.6, 0.012 * extent)
         first.set_xlim(epochs[0] - margin, epochs[-1] + margin)
         _draw_legend(figure, rows)
@@ -122,14 +120,6 @@ def _words(rows: Sequence[ErrorRow], n_epochs: int, n_wrong: int) -> str:
     if any(_is_any(row.sigmas) for row in rows):
         look = "About 95 % of the dots should lie within the band, and hardly any beyond the lines."
     return f"{n_epochs:,} epochs. {wrong} ({SUCCESS_WORDS}).\n{look}"
-
-
-def _add_row(figure: "Figure", bottom: float, height: float, first: "Axes | None") -> "Axes":
-    """Add axes over the whole width, sharing the x axis of the first row."""
-    axes = add_axes(figure, LEFT, bottom, WIDTH - LEFT - RIGHT, height, sharex=first)
-    axes.tick_params(labelbottom=False)
-    draw_grid(axes)
-    return axes
 
 
 def _draw_statuses(
@@ -181,4 +171,4 @@ def _draw_legend(figure: "Figure", rows: Sequence[ErrorRow]) -> None:
         handles.append(Line2D([], [], color=BAND, lw=7, label="±2 predicted sigmas"))
     if any(_is_any(row.levels) for row in rows):
         handles.append(Line2D([], [], color=INK, lw=0.9, label="protection level"))
-    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.2 / WIDTH, 0.0), ncols=len(handles))
+    figure.legend(handles=handles, loc="outside lower left", ncols=len(handles))

@@ -173,7 +173,7 @@ class _Answer(NamedTuple):
 
     milliseconds: from points in memory to the pose.
     distinctness: of methods that have scores of cells.
-    starts: where each start of a method with several ended.
+    starts: where each start of a method with several around the reference ended.
     """
 
     estimate: Estimate
@@ -196,9 +196,11 @@ def _answer(study_method: StudyMethod, point_map: PointMap, start: Pose, shared:
     scan = Scan(scan.points, time=scan.time)  # whatever it needs of the scan is charged to it
     prepare_map(method, scan, point_map, start)
     clock = time.perf_counter()
-    starts = method.estimates(scan, point_map, start) if isinstance(method, MultiStart) else []
-    estimate = method.choose(starts) if isinstance(method, MultiStart) else method.localize(scan, point_map, start)
-    return _Answer(estimate, 1e3 * (time.perf_counter() - clock), starts=starts)
+    if isinstance(method, MultiStart) and study_method.around_reference:
+        starts = method.estimates(scan, point_map, start)
+        return _Answer(method.choose(starts), 1e3 * (time.perf_counter() - clock), starts=starts)
+    estimate = method.localize(scan, point_map, start)
+    return _Answer(estimate, 1e3 * (time.perf_counter() - clock))
 
 
 def prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) -> None:

@@ -1,28 +1,25 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Answers against the error of the prior: levels of errors, and trials at each."""
+"""Answers against the error of the prior: levels of errors, priors drawn at each, and the methods that are compared."""
 
-import csv
-import math
-import os
-import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maxcon._system.atomic import atomic_file
-from maxcon.errors import FileError
 from maxcon.geometry import Pose
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart
-from maxcon.lab.evaluation import Quantiles, pose_error
 from maxcon.lab.simulation import PriorErrors
-from maxcon.lab.study.bench import Bench, prepare_map
+from maxcon.lab.study.bench import Bench
 from maxcon.lab.study.methods import StudyMethod
+from maxcon.lab.study.table import MethodStatistics, rows_by_method, statistics
 from maxcon.localizer import MaximumConsensus
-from maxcon.scan import Scan
+from maxcon.scan.trajectory import Trajectory
 from maxcon.search.space import SearchSpace
+
+if TYPE_CHECKING:
+    import pyarrow
 
 MAXCON, COUNT_THEN_GICP, GICP_FROM_MANY = "maxcon", "count 1 m, then GICP", "GICP from 75 starts"
 """Names among `methods_at`: of what searches the whole level; the last takes longest."""
@@ -33,10 +30,27 @@ def prior_level(offset: float, heading_deg: float) -> PriorErrors:
     return PriorErrors(offset, heading_deg, z=0.0, tilt_deg=0.0)
 
 
+def level_name(level: PriorErrors) -> str:
+    """Return the name of the priors of a level in a table."""
+    return f"{level.offset:g} m, {level.heading_deg:g}°"
+
+
 def prior_at(reference: Pose, level: PriorErrors, seed: int, epoch: int) -> Pose:
     """Draw the prior of an epoch about its reference: the same at every call, whatever else was drawn before."""
     millis = (round(1e3 * level.offset), round(1e3 * level.heading_deg))
     return level.prior(reference, np.random.default_rng((seed, epoch, *millis)))
+
+
+def with_levels(bench: Bench, levels: Iterable[PriorErrors], epochs: Sequence[int], seed: int) -> Bench:
+    """Return a bench that has priors of each level, too, drawn around the reference of some epochs, by `level_name`."""
+    times = bench.scans.times[list(epochs)]
+    truth = [bench.reference.at(float(time)) for time in times]
+    drawn = {
+        level_name(level): [prior_at(pose, level, seed, epoch) for pose, epoch in zip(truth, epochs, strict=True)]
+        for level in levels
+    }
+    priors = {name: Trajectory.from_poses(times, poses) for name, poses in drawn.items()}
+    return replace(bench, priors=bench.priors | priors)
 
 
 def space_of(level: PriorErrors) -> SearchSpace:
@@ -70,116 +84,11 @@ def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> 
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class PriorTrial:
-    """The result of one method from one prior.
-
-    offset, heading_deg: the level: the prior is wrong by up to so much in x and in y, m, and in heading, degrees.
-    status, is_good: the method's own word, and whether it reports its pose as good.
-    is_right: whether the pose is within 0.3 m and 1 degree of the reference.
-    distance, heading_error_deg: of the pose from the reference, in x and y, m, and signed, degrees.
-    ms: processor time from points in memory to the pose.
-    """
-
-    offset: float
-    heading_deg: float
-    epoch: int
-    method: str
-    status: str
-    is_good: bool
-    is_right: bool
-    distance: float
-    heading_error_deg: float
-    ms: float
-
-    @property
-    def key(self) -> tuple[float, float, int, str]:
-        """Level, epoch and method: what tells one trial from another."""
-        return self.offset, self.heading_deg, self.epoch, self.method
-
-
-def try_epoch(
-    bench: Bench, epoch: int, level: PriorErrors, methods: Sequence[StudyMethod], seed: int
-) -> list[PriorTrial]:
-    """Let methods localize one epoch from the same prior, drawn around the reference.
-
-    Each is timed on its own copy of the scan, with all it computes from the scan; its part of the map is loaded before.
-    """
-    points = bench.scans.read(epoch, bench.options.min_range, bench.options.max_range).points
-    true_pose = bench.reference.at(float(bench.scans.times[epoch]))
-    trials = []
-    for method in methods:
-        point_map = bench.maps[method.map_name]
-        reference = point_map.frame.pose_to_local(true_pose)
-        prior = prior_at(reference, level, seed, epoch)
-        prepare_map(method.method, Scan(points), point_map, prior)
-        scan, started = Scan(points), time.process_time()
-        estimate = method.method.localize(scan, point_map, prior)
-        ms = 1e3 * (time.process_time() - started)
-        error = pose_error(estimate.pose, reference)
-        trials.append(
-            PriorTrial(
-                level.offset, level.heading_deg, epoch, method.name, estimate.status.value,
-                estimate.is_localized, error.is_success, error.distance, math.degrees(error.heading), ms,
-            )
-        )  # fmt: skip
-    return trials
-
-
-def write_trials(path: str | os.PathLike[str], trials: Iterable[PriorTrial]) -> None:
-    """Write trials as CSV, a row each; the file appears, or is replaced, only whole."""
-    with atomic_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, [field.name for field in fields(PriorTrial)])
-        writer.writeheader()
-        writer.writerows(asdict(trial) for trial in trials)
-
-
-def read_trials(path: str | os.PathLike[str]) -> list[PriorTrial]:
-    """Return the trials of a file; none if there is no file; FileError if it holds something else."""
-    import msgspec
-
-    if not Path(path).exists():
-        return []
-    try:
-        with Path(path).open(newline="", encoding="utf-8") as stream:
-            return msgspec.convert(list(csv.DictReader(stream)), list[PriorTrial], strict=False)
-    except (msgspec.ValidationError, UnicodeDecodeError) as error:
-        raise FileError(
-            f"Expected the trials of an earlier run in {path}, got something else ({error}). Move the file away."
-        ) from error
-
-
-@dataclass(frozen=True, slots=True)
-class TrialSummary:
-    """The results of one method from all priors of one level (see `PriorTrial`).
-
-    median_error: distance of the right ones, m; NaN where none is right.
-    median_ms, p95_ms: processor time.
-    """
-
-    offset: float
-    heading_deg: float
-    method: str
-    n_epochs: int
-    n_right: int
-    n_good: int
-    n_wrong_but_good: int
-    median_error: float
-    median_ms: float
-    p95_ms: float
-
-
-def summarize_trials(trials: Iterable[PriorTrial]) -> list[TrialSummary]:
-    """Return one summary per level and method: levels rising, methods in the order they first come."""
-    groups: dict[tuple[float, float, str], list[PriorTrial]] = {}
-    for trial in trials:
-        groups.setdefault((trial.offset, trial.heading_deg, trial.method), []).append(trial)
-    found = []
-    for level_and_method, group in sorted(groups.items(), key=lambda item: item[0][:2]):
-        right = Quantiles.of(trial.distance for trial in group if trial.is_right)
-        times = Quantiles.of(trial.ms for trial in group)
-        n_right, n_good = (sum(getattr(trial, name) for trial in group) for name in ("is_right", "is_good"))
-        n_wrong_but_good = sum(trial.is_good and not trial.is_right for trial in group)
-        counts = (len(group), n_right, n_good, n_wrong_but_good)
-        found.append(TrialSummary(*level_and_method, *counts, right.median, times.median, times.p95))
-    return found
+def statistics_by_level(table: "pyarrow.Table", levels: Iterable[PriorErrors]) -> dict[str, list[MethodStatistics]]:
+    """Return the statistics of a table's methods by `level_name`, in the order of the levels and of `methods_at`."""
+    found = {level_name(level): list[MethodStatistics]() for level in levels}
+    order = [method.name for method in methods_at(prior_level(1.0, 1.0))]
+    for rows in rows_by_method(table, order):
+        if rows.prior in found:
+            found[rows.prior].append(statistics(rows))
+    return {name: of_level for name, of_level in found.items() if of_level}
