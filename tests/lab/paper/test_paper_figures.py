@@ -160,11 +160,11 @@ def test_epochs_keep_their_distance():
 
 
 def test_medians_and_left_out_epochs_of_a_kurtosis_map_are_stated(tmp_path):
-    # 100 m x 50 m of window: 6.6 inches for 100 m, so circles of 13 points need 1.04 * 13 / 72 * 100 / 6.6 m.
+    # 100 m x 50 m of window: 6.6 inches for 100 m, so circles of 13 points need 1.1 * 13 / 72 * 100 / 6.6 m.
     x = np.linspace(0.0, 50.0, 501)
     small, large = ("A", np.where(np.arange(501) == 7, np.nan, 2.5)), ("B", np.full(501, 25.0))
     plot_kurtosis_map(tmp_path / "x.svg", np.column_stack([x, 0.0 * x]), small, large, point_map=None, title="T")
     written = words(tmp_path / "x.svg")
     assert any("Medians of all epochs: A 2.5 (not defined in 1); B 25." in each for each in written)
-    assert any("18 of 501 epochs shown, 2.8 m apart or more." in each for each in written)
+    assert any("17 of 501 epochs shown, 3 m apart or more." in each for each in written)
     assert {"large: B", "small: A", "white: not defined", "kurtosis", "5", "10", "20"} <= set(written)
