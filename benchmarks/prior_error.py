@@ -5,8 +5,8 @@
 python benchmarks/prior_error.py DATASET [DATASET ...] -o FOLDER [--epochs 16] [--levels 1:1 3:2 6:5 12:10 ...]
 
 A DATASET is a dataset.toml, or a folder with one, and may be given a name: "city=city/dataset.toml". Maps are built
-once, in FOLDER, with and without the ground; so are the answers, a Parquet table per drive, a row per level, epoch and method. A run
-that was stopped goes on where it was. The tables are printed, the figure is put into docs/images.
+once, in FOLDER, with and without the ground; so are the answers, a Parquet table per drive, a row per level, epoch and
+method. A run that was stopped goes on where it was. The tables are printed, the figure is put into docs/images.
 """
 
 import argparse
