@@ -81,13 +81,13 @@ def words_of(dtype: np.dtype[np.void]) -> str:
     )
 
 
-def coordinate_fields(dtype: np.dtype[np.void], kinds: str = "f") -> list[str]:
-    """Return the names of the fields of x, y and z, in capitals where there is none in small letters.
+def coordinate_fields(dtype: np.dtype[np.void], kinds: str = "f", axes: Sequence[str] = "xyz") -> list[str]:
+    """Return the names of the fields of three coordinates, in capitals where there is none in small letters.
 
     ValueError if one is not there, or comes twice, or is not of one of these `kinds` of numbers.
     """
     names = dtype.names or ()
-    found = [axis if axis in names else axis.upper() for axis in "xyz"]
+    found = [axis if axis in names else axis.upper() for axis in axes]
     for name in found:
         if name not in names or f"{name}#2" in names or dtype[name].kind not in kinds:
             raise ValueError(f"not one field {name.lower()!r} of numbers among {words_of(dtype)[:120] or 'no fields'}")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""NPZ clouds: streamed, never unpickled, never trusted."""
+"""NPZ clouds: never unpickled, never trusted."""
 
 import io
 import tempfile
@@ -35,7 +35,8 @@ def npy(array, shape=None, descr=None):
 def test_everything_reads_back_in_chunks(tmp_path, save):
     classes, times = np.arange(7, dtype=np.int64), 1.7e9 + np.arange(7) * 0.1
     normals = POINTS.astype(">f4")
-    cloud = read_cloud(saved(tmp_path, save, points=POINTS, normals=normals, classes=classes, times=times, x=[1]), 3)
+    points = np.asfortranarray(POINTS)
+    cloud = read_cloud(saved(tmp_path, save, points=points, normals=normals, classes=classes, times=times, x=[1]), 3)
     assert_all_there(cloud, normals, classes, times)
 
 
@@ -64,7 +65,6 @@ def test_any_type_of_number_reads_back(points, max_points):
         ({"points": POINTS, "classes": np.zeros((7, 1))}, r"`classes` of shape \(7, 1\), not \(n,\)"),
         ({"points": POINTS, "classes": np.full(7, 300)}, "300 as a class, which is no code from 0 to 255"),
         ({"points": POINTS.astype(complex)}, "`points` of complex128"),
-        ({"points": np.asfortranarray(POINTS)}, "Fortran order.*ascontiguousarray"),
         ({"points": np.array([[1, 2, None]], dtype=object)}, "`points` of object"),
     ],
 )
@@ -76,14 +76,13 @@ def test_arrays_that_cannot_be_used_are_refused(tmp_path, arrays, words):
 @pytest.mark.parametrize(
     ("content", "compression", "words"),
     [
-        (npy(POINTS, shape=(8, 3)), zipfile.ZIP_STORED, "bytes of `points` than of its 8 rows"),
-        (npy(POINTS, shape=(2**60, 3)), zipfile.ZIP_STORED, "bytes of `points`"),
-        (npy(POINTS, shape=(-1, 3)), zipfile.ZIP_STORED, r"`points` of shape \(-1, 3\)"),
+        (npy(POINTS, shape=(8, 3)), zipfile.ZIP_STORED, "buffer is too small"),
+        (npy(POINTS, shape=(2**60, 3)), zipfile.ZIP_STORED, r"a\.npz"),
+        (npy(POINTS, shape=(-1, 3)), zipfile.ZIP_STORED, "negative dimensions"),
         (npy(POINTS, descr="|O"), zipfile.ZIP_STORED, r"a\.npz"),
         (b"", zipfile.ZIP_STORED, r"a\.npz"),
         (b"\x93NUMPY\x09\x00" + bytes(100), zipfile.ZIP_STORED, r"a\.npz"),
         (npy(np.zeros((800_000, 3))), zipfile.ZIP_DEFLATED, "unpack to .* times their size, not at most 100"),
-        (npy(POINTS), zipfile.ZIP_LZMA, "stored or deflated"),
     ],
 )
 def test_what_an_archive_claims_is_held_against_its_bytes(tmp_path, content, compression, words):

@@ -21,6 +21,7 @@ from maxcon.io.clouds.base import (
     as_float64,
     rows_at_a_time,
 )
+from maxcon.io.point_records import coordinate_fields, record_type
 from maxcon.io.text import MAX_LINES, pass_over_rows, read_table
 
 KIND = "a PLY file of points"
@@ -50,16 +51,14 @@ class PlyReader(CloudReader):
         super().__init__()
         with as_file_error(file, KIND), file.open("rb") as stream:
             self._layout = _read_layout(stream)
-            names = self._layout.names
-            lowered = [name.lower() for name in names]
+            dtype = self._layout.dtype
+            names = dtype.names or ()
+            self._points = coordinate_fields(dtype, "fiu")
             has_normals = set(NORMAL_NAMES) <= set(names)
-            for name in ("x", "y", "z", *(NORMAL_NAMES if has_normals else ())):
-                if names.count(name) != 1:
-                    raise ValueError(f"{names.count(name)} properties {name!r} of a vertex in '{' '.join(names)[:80]}'")
-        self._points = [names.index(name) for name in "xyz"]
-        self._normals = [names.index(name) for name in NORMAL_NAMES] if has_normals else None
-        self._classes = next((lowered.index(name) for name in CLASS_NAMES if name in lowered), None)
-        self._times = next((lowered.index(name) for name in TIME_NAMES if name in lowered), None)
+            self._normals = coordinate_fields(dtype, "fiu", NORMAL_NAMES) if has_normals else None
+        lowered = {name.lower(): name for name in reversed(names)}
+        self._classes = next((lowered[name] for name in CLASS_NAMES if name in lowered), None)
+        self._times = next((lowered[name] for name in TIME_NAMES if name in lowered), None)
         self.header = CloudHeader(
             path=file,
             n_points=self._layout.n_points,
@@ -69,7 +68,7 @@ class PlyReader(CloudReader):
         )
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
-        file, layout = self.header.path, self._layout
+        file, layout, names = self.header.path, self._layout, self._layout.dtype.names or ()
         n_left, n_most = layout.n_points, rows_at_a_time(max_points, layout.dtype.itemsize)
         with as_file_error(file, KIND), file.open("rb") as stream:
             stream.seek(layout.start)
@@ -80,19 +79,19 @@ class PlyReader(CloudReader):
             while n_left > 0:
                 n_rows = min(n_left, n_most)
                 if layout.is_ascii:
-                    yield self._chunk(list(read_table(text, n_rows, len(layout.names)).T))
+                    yield self._chunk(dict(zip(names, read_table(text, n_rows, len(names)).T, strict=True)))
                 else:
                     records = np.fromfile(stream, layout.dtype, n_rows)
                     if len(records) < n_rows:
                         raise ValueError(f"{n_left - len(records)} vertices fewer: truncated")
-                    yield self._chunk([records[name] for name in layout.dtype.names or ()])
+                    yield self._chunk(records)
                 n_left -= n_rows
 
-    def _chunk(self, columns: list[NDArray[Any]]) -> CloudChunk:
-        """The points of columns, by the numbers of their properties."""
+    def _chunk(self, columns: Any) -> CloudChunk:
+        """The points of columns, by the names of their properties."""
 
-        def table(indices: list[int]) -> NDArray[np.float64]:
-            return np.stack([as_float64(columns[i]) for i in indices], axis=1)
+        def table(names: list[str]) -> NDArray[np.float64]:
+            return np.stack([as_float64(columns[name]) for name in names], axis=1)
 
         return CloudChunk(
             points=table(self._points),
@@ -111,8 +110,8 @@ class _Element:
     properties: list[tuple[str, str]] = field(default_factory=list)
 
     def dtype(self, order: str) -> np.dtype[np.void]:
-        """One row; fields are numbered, because names need not be unique."""
-        return np.dtype([(f"f{i}", order + kind) for i, (_, kind) in enumerate(self.properties)])
+        """One row."""
+        return record_type([name for name, _ in self.properties], [order + kind for _, kind in self.properties])
 
 
 class _Layout(NamedTuple):
@@ -126,7 +125,6 @@ class _Layout(NamedTuple):
     start: int
     n_rows_before: int
     n_points: int
-    names: list[str]
     dtype: np.dtype[np.void]
 
 
@@ -150,7 +148,7 @@ def _read_layout(stream: BinaryIO) -> _Layout:
     if vertex.count == 0 or start + vertex.count * least > size + 1:
         raise ValueError(f"{vertex.count} vertices in {size} bytes: empty or truncated")
     n_rows_before = sum(element.count for element in before)
-    return _Layout(not order, start, n_rows_before, vertex.count, [name for name, _ in vertex.properties], dtype)
+    return _Layout(not order, start, n_rows_before, vertex.count, dtype)
 
 
 def _header_lines(stream: BinaryIO) -> list[list[str]]:
