@@ -5,6 +5,9 @@
 Every message says what was expected, what came, and what to do about it.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class MaxconError(Exception):
     """Base of everything maxcon raises on purpose."""
@@ -40,3 +43,14 @@ class OptionError(MaxconError, ValueError):
 
 class MissingExtraError(MaxconError, ImportError):
     """A part of maxcon whose optional packages are not installed."""
+
+
+@contextmanager
+def needs_extra(package: str, purpose: str, extra: str) -> Iterator[None]:
+    """Turn the ImportError of a package that is not installed into MissingExtraError; `purpose`: "to read a.e57"."""
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(
+            f"Expected the package {package} {purpose}, got none installed. pip install 'maxcon[{extra}]'"
+        ) from error

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from maxcon._system.atomic import atomic_file
 from maxcon.drive.poses_table import COVARIANCES
-from maxcon.errors import FileError, MissingExtraError
+from maxcon.errors import FileError, needs_extra
 from maxcon.export.pose_rows import PoseRow, bearing_deg, properties
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
@@ -62,12 +62,8 @@ def write_geojson(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
 
 def write_geopackage(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
     """Write a layer `poses` of points with height, in the CRS; epochs that are not localized have no point."""
-    try:
+    with needs_extra("pyogrio", "to write a GeoPackage", "export"):
         from pyogrio.raw import write
-    except ImportError as error:
-        raise MissingExtraError(
-            "Expected the package pyogrio to write a GeoPackage, got none installed. pip install 'maxcon[export]'"
-        ) from error
     points = [
         None if row.pose is None else struct.pack("<BI3d", 1, ISO_POINT_Z, *row.pose.position.tolist()) for row in rows
     ]

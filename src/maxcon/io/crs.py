@@ -28,25 +28,18 @@ class FileCrs(NamedTuple):
     crs_fault: str = ""
 
 
-def read_wkt(content: str | bytes) -> FileCrs:
-    """Return the CRS of WKT in a file; empty text names none."""
+def read_file_crs(content: str | bytes | int) -> FileCrs:
+    """Return the CRS of WKT, or of an EPSG code, in a file; empty text names none."""
     import pyproj
 
+    name = f"EPSG:{content}" if isinstance(content, int) else "a WKT that it does not"
     try:
-        text = content if isinstance(content, str) else content.rstrip(b"\0").decode("utf-8")
+        if isinstance(content, int):
+            return FileCrs(pyproj.CRS.from_epsg(content).to_wkt())
+        text = content.rstrip(b"\0").decode("utf-8") if isinstance(content, bytes) else content
         return FileCrs(pyproj.CRS.from_wkt(text).to_wkt()) if text else FileCrs()
     except (UnicodeDecodeError, pyproj.exceptions.CRSError) as error:
-        return FileCrs(None, f"a WKT that it does not: {_first_line(error)}")
-
-
-def read_epsg_code(code: int) -> FileCrs:
-    """Return the CRS of a code in a file."""
-    import pyproj
-
-    try:
-        return FileCrs(pyproj.CRS.from_epsg(code).to_wkt())
-    except pyproj.exceptions.CRSError as error:
-        return FileCrs(None, f"EPSG:{code}: {_first_line(error)}")
+        return FileCrs(None, f"{name}: {_first_line(error)}")
 
 
 def _first_line(error: Exception) -> str:

@@ -138,16 +138,23 @@ def _taken(column: NDArray[Any], rows: NDArray[np.intp] | None) -> NDArray[Any]:
 def _returns(records: NDArray[np.void]) -> tuple[list[NDArray[Any]], NDArray[np.intp]]:
     """The columns of x, y and z, and the rows of points that are finite and not at (0, 0, 0)."""
     x, y, z = (_column(records, name) for name in coordinate_fields(records.dtype))
+    return [x, y, z], np.flatnonzero(are_returns(x, y, z)[0])
+
+
+def are_returns(
+    x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]
+) -> tuple[NDArray[np.bool_], NDArray[np.floating]]:
+    """Return which points are finite and not at (0, 0, 0), and their squared distances from there, shape (n,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         squared = x * x
         squared += y * y
         squared += z * z
-        is_return = (squared > 0.0) & (squared < np.inf)
-        # Squares leave the range of floats before coordinates do: what seems to be no return is checked exactly.
-        rows = np.flatnonzero(~is_return)
-        places = np.stack([x[rows], y[rows], z[rows]], axis=1)
-        is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
-    return [x, y, z], np.flatnonzero(is_return)
+    is_return = (squared > 0.0) & (squared < np.inf)
+    # Squares leave the range of floats before coordinates do: what seems to be no return is checked exactly.
+    rows = np.flatnonzero(~is_return)
+    places = np.stack([x[rows], y[rows], z[rows]], axis=1)
+    is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
+    return is_return, squared
 
 
 def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] | None:

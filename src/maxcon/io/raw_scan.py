@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
+from maxcon.io.point_records import are_returns
 from maxcon.scan.deskew import deskew, times_of_turn
 from maxcon.scan.normals import Viewpoints
 from maxcon.scan.trajectory import Trajectory
@@ -90,15 +91,7 @@ def returns_in_range(points: NDArray[np.float64], min_range: float, max_range: f
     A return is finite, and not at (0, 0, 0). Errors as of `check_range`.
     """
     check_range(min_range, max_range)
-    x, y, z = points.T
-    with np.errstate(over="ignore"):
-        squared = x * x
-        squared += y * y
-        squared += z * z
-    is_return = (squared > 0.0) & (squared < np.inf)
-    # Squares leave the range of float64 before coordinates do: points that seem to be no returns are checked exactly.
-    rows = np.flatnonzero(~is_return)
-    is_return[rows] = np.isfinite(points[rows]).all(axis=1) & points[rows].any(axis=1)
+    is_return, squared = are_returns(*points.T)
     ranges = np.sqrt(squared)
     return is_return & (ranges >= min_range) & (ranges <= max_range), int(np.count_nonzero(is_return))
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from maxcon._system.regular_file import open_regular, read_regular
-from maxcon.errors import MissingExtraError, OptionError
+from maxcon.errors import OptionError, needs_extra
 
 ADDRESS = re.compile(r"(s3|https?):/{1,2}(?=[^/])")
 """How an address begins; a `Path` of one has lost a slash."""
@@ -119,13 +119,8 @@ class Remote:
     remedy = "Check the server and the address, and try again."
 
     def __init__(self, address: str) -> None:
-        try:
+        with needs_extra("obstore", f"to read {address}", "remote"):
             import obstore
-        except ImportError as error:
-            raise MissingExtraError(
-                f"Expected the package obstore, to read {address}, but it is not installed."
-                " Install it: pip install 'maxcon[remote]'."
-            ) from error
         self._obstore = obstore
         self._address = address
         self._is_s3 = address.startswith("s3:")

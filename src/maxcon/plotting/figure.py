@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maxcon._system.atomic import atomic_file
-from maxcon.errors import MissingExtraError, OptionError
+from maxcon.errors import OptionError, needs_extra
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,12 +45,8 @@ _METADATA: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date
 
 def check_matplotlib() -> None:
     """Raise a MissingExtraError if matplotlib is not installed, before the work whose result it is to draw."""
-    try:
+    with needs_extra("matplotlib", "to draw pictures", "demo"):
         import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError(
-            "Expected matplotlib to draw pictures, but it is not installed. Run: pip install 'maxcon[demo]'"
-        ) from error
 
 
 @contextmanager

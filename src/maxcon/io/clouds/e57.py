@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import MissingExtraError
+from maxcon.errors import needs_extra
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_file_error
-from maxcon.io.crs import read_wkt
+from maxcon.io.crs import read_file_crs
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -34,7 +34,7 @@ class E57Reader(CloudReader):
                 raise ValueError(f"{len(counts)} scans without any points" if counts else "no scan")
             root = opened.root
             text = root["coordinateMetadata"].value().strip() if root.isDefined("coordinateMetadata") else ""
-            self.header = CloudHeader(file, sum(counts), **read_wkt(text)._asdict())
+            self.header = CloudHeader(file, sum(counts), **read_file_crs(text)._asdict())
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         with _opened(self.header.path) as opened:
@@ -46,12 +46,8 @@ class E57Reader(CloudReader):
 @contextmanager
 def _opened(file: Path) -> Iterator[Any]:
     """Yield an open file of pye57."""
-    try:
+    with needs_extra("pye57", f"to read {file}", "e57"):
         import pye57
-    except ImportError as error:
-        raise MissingExtraError(
-            f"Expected the package pye57 to read {file}, got none installed. pip install 'maxcon[e57]'"
-        ) from error
     with as_file_error(file, "an E57 file"):
         opened = pye57.E57(str(file))
         try:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_file_error, rows_at_a_time
 from maxcon.io.clouds.laz import LazChunks, check_layers, copc_chunks_within, read_laz_chunks
-from maxcon.io.crs import FileCrs, read_epsg_code, read_wkt
+from maxcon.io.crs import FileCrs, read_file_crs
 
 if TYPE_CHECKING:
     import laspy
@@ -214,18 +214,17 @@ def _read_layout(stream: BinaryIO) -> _Layout:
 
 def _read_crs(stream: BinaryIO, layout: _Layout) -> FileCrs:
     """The CRS of an open file; ValueError if its extended records are not there."""
-    records = [*_records(stream), *_extended_records(stream, layout)]
-
-    def wkts(user: bytes) -> list[bytes]:
-        return [content for *whose, content in records if whose == [user, WKT] and content.strip(b"\0 ")]
-
-    if found := wkts(CRS_USER):
-        return read_wkt(found[0])
-    keys = [content for *whose, content in records if whose == [CRS_USER, GEO_KEYS]]
-    of_keys = _of_keys(keys[0]) if keys else FileCrs()
+    found: dict[tuple[bytes, int], bytes] = {}
+    for user, number, content in [*_records(stream), *_extended_records(stream, layout)]:
+        if content.strip(b"\0 "):
+            found.setdefault((user, number), content)
+    if wkt := found.get((CRS_USER, WKT)):
+        return read_file_crs(wkt)
+    keys = found.get((CRS_USER, GEO_KEYS))
+    of_keys = _of_keys(keys) if keys else FileCrs()
     # libLAS wrote WKT into a record of its own, beside keys of its own making.
-    others = wkts(b"liblas")
-    return read_wkt(others[0]) if of_keys.crs is None and others else of_keys
+    other = found.get((b"liblas", WKT))
+    return read_file_crs(other) if of_keys.crs is None and other else of_keys
 
 
 def _records(stream: BinaryIO) -> Iterator[tuple[bytes, int, bytes]]:
@@ -262,4 +261,4 @@ def _of_keys(content: bytes) -> FileCrs:
     code = codes.get(PROJECTED_KEY, 0) or codes.get(GEODETIC_KEY, 0)
     if not code:
         return FileCrs(None, "GeoTIFF keys without a code" if rows else "")
-    return read_epsg_code(code)
+    return read_file_crs(code)

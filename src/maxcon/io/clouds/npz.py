@@ -33,15 +33,15 @@ class NpzReader(CloudReader):
     """Points of an archive written by `numpy.savez` or `numpy.savez_compressed`; nothing is unpickled.
 
     Arrays are `points` (n, 3), and optionally `normals` (n, 3), `classes` (n,) and `times` (n,); they are in memory
-    while the cloud is open, as they were when they were written. FileError if it is no such archive, an array has another
-    shape or type than these, or sizes contradict.
+    while the cloud is open, as they were when they were written. FileError if it is no such archive, an array has
+    another shape or type than these, or sizes contradict.
     """
 
     def __init__(self, file: Path) -> None:
         super().__init__()
         with as_file_error(file, KIND):
             self._arrays = _read_arrays(file)
-        has = {f"has_{name}": name in self._arrays for name in ("normals", "classes", "times")}
+        has: dict[str, Any] = {f"has_{name}": name in self._arrays for name in ("normals", "classes", "times")}
         self.header = CloudHeader(file, len(self._arrays["points"]), **has)
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:

@@ -17,21 +17,12 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import FileError, MissingExtraError
+from maxcon.errors import FileError, needs_extra
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.point_records import CloudPoints, decode_points, decode_times, records_of_message
 from maxcon.io.point_times import PointTimes
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
-from maxcon.io.recordings.recording import (
-    Message,
-    Recording,
-    Topic,
-    as_extra_missing,
-    choose_topic,
-    decode_message,
-    frame_of,
-    stamp_of,
-)
+from maxcon.io.recordings.recording import Message, Recording, Topic, choose_topic, decode_message, frame_of, stamp_of
 from maxcon.io.text import printable
 
 T = TypeVar("T")
@@ -232,10 +223,8 @@ def topics_of_capture(path: Path) -> tuple[Topic, ...]:
 
 def _datagrams(path: Path) -> Iterator[tuple[int, int]]:
     """Yield port and bytes of payload (of the whole, if IP has split it) of the UDP packets of a capture."""
-    try:
+    with needs_extra("dpkt", f"to read {path}", "recordings"):
         import dpkt
-    except ImportError as error:
-        raise as_extra_missing(path, "dpkt") from error
     with as_file_error(path, "a capture of packets (.pcap)"), path.open("rb") as stream:
         for _, data in dpkt.pcap.Reader(stream):
             try:
@@ -269,11 +258,6 @@ def _captured(turn: Any) -> int:
 
 
 def _decoder_package(path: Path | None) -> Any:
-    try:
+    with needs_extra("velodyne-decoder", f"to read {path or 'packets of a Velodyne'}", "velodyne"):
         import velodyne_decoder
-    except ImportError as error:
-        raise MissingExtraError(
-            f"Expected the package velodyne-decoder to read {path or 'packets of a Velodyne'}, got none installed."
-            " pip install 'maxcon[velodyne]'"
-        ) from error
     return velodyne_decoder

@@ -12,9 +12,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from maxcon.errors import FileError
+from maxcon.errors import FileError, needs_extra
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.recordings.recording import Message, Recording, Topic, as_extra_missing
+from maxcon.io.recordings.recording import Message, Recording, Topic
 from maxcon.io.text import SCAN_SUFFIXES, in_natural_order
 
 LARGEST_CHUNK = 2**29
@@ -71,14 +71,12 @@ class _Bag(Recording):
         super().__init__(path)
         self.kind, self._encoding = ("a ROS 1 bag", "ros1") if is_ros1 else ("a ROS 2 bag", "cdr")
         with as_file_error(path, self.kind):
-            try:
+            with needs_extra("rosbags", f"to read {path}", "recordings"):
                 if is_ros1:
                     import lz4.frame  # for the chunks
                     from rosbags.rosbag1 import Reader
                 else:
                     from rosbags.rosbag2 import Reader  # type: ignore[assignment]
-            except ImportError as error:
-                raise as_extra_missing(path, "rosbags") from error
             self._reader: Any = Reader(path)
             self._reader.open()
             counts: Counter[tuple[str, str]] = Counter()  # a topic has a connection for each of its publishers
@@ -124,10 +122,8 @@ class _McapFiles(Recording):
 
     def __init__(self, path: Path, files: Sequence[Path]) -> None:
         super().__init__(path)
-        try:
+        with needs_extra("mcap", f"to read {path}", "recordings"):
             import mcap.records  # noqa: F401
-        except ImportError as error:
-            raise as_extra_missing(path, "mcap") from error
         counts: Counter[tuple[str, str]] = Counter()
         self._files: list[_McapFile] = []
         for name in files:

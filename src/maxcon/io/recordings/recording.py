@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from maxcon._system.atomic import atomic_file
-from maxcon.errors import FileError, MissingExtraError, OptionError
+from maxcon.errors import FileError, OptionError, needs_extra
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.text import printable
 
@@ -83,13 +83,6 @@ class Recording(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def as_extra_missing(path: Path, package: str) -> MissingExtraError:
-    """Return the error of a recording that needs a package which is not installed."""
-    return MissingExtraError(
-        f"Expected the package {package} to read {path}, got none installed. pip install 'maxcon[recordings]'"
-    )
 
 
 def choose_topic(
@@ -209,14 +202,9 @@ def header_of(time: float, frame: str) -> dict[str, Any]:
 
 def check_writers() -> None:
     """Refuse to write recordings where the packages for it are missing (MissingExtraError)."""
-    try:
+    with needs_extra("rosbags or mcap", "to write a recording", "recordings"):
         import mcap.writer  # noqa: F401
         import rosbags.typesys  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError(
-            "Expected the packages rosbags and mcap to write a recording, got none installed."
-            " pip install 'maxcon[recordings]'"
-        ) from error
 
 
 def write_recording(path: Path, kind: RecordingKind, entries: Iterable[Entry]) -> None:

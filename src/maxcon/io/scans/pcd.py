@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import MissingExtraError
+from maxcon.errors import needs_extra
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.point_records import coordinate_fields, record_type
 from maxcon.io.text import read_table
@@ -68,13 +68,8 @@ def _parsed(stream: BinaryIO, layout: _Layout) -> Iterator[tuple[str, NDArray[np
 
 def _unpacked(file: Path, stream: BinaryIO, layout: _Layout) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the fields of a compressed file and their numbers, which lie one field behind the other."""
-    try:
+    with needs_extra("pypcd4", f"to read compressed points in {file}", "pcd"):
         import lzf  # comes with pypcd4
-    except ImportError as error:
-        raise MissingExtraError(
-            f"Expected the package pypcd4 to read compressed points in {file}, got none installed."
-            " pip install 'maxcon[pcd]'"
-        ) from error
     n_packed, n_unpacked = struct.unpack("<II", stream.read(8))
     data, at = lzf.decompress(stream.read(n_packed), n_unpacked), 0
     for name, kind in _fields(layout.dtype):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import MissingExtraError
+from maxcon.errors import needs_extra
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import invert
@@ -31,12 +31,8 @@ def check_small_gicp() -> None:
 
 
 def _small_gicp() -> Any:
-    try:
+    with needs_extra("small_gicp", "for generalized ICP", "baselines"):
         import small_gicp
-    except ImportError as error:
-        raise MissingExtraError(
-            "Expected the package small_gicp for generalized ICP, got none installed. pip install 'maxcon[baselines]'"
-        ) from error
     return small_gicp
 
 

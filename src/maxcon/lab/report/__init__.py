@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from maxcon._system.atomic import atomic_file
-from maxcon.errors import MissingExtraError
+from maxcon.errors import needs_extra
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +31,8 @@ class Picture:
 
 def check_jinja2() -> None:
     """Check that jinja2 is installed, before the work whose result the page is to show."""
-    try:
+    with needs_extra("jinja2", "to write a page", "demo"):
         import jinja2  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError(
-            "Expected jinja2 to write a page, but it is not installed. Run: pip install 'maxcon[demo]'"
-        ) from error
 
 
 def write_page(path: str | os.PathLike[str], template: str, page: Mapping[str, Any]) -> None:

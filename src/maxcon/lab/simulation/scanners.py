@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import MissingExtraError
+from maxcon.errors import needs_extra
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.lab.simulation.drive import Drive
 from maxcon.lab.simulation.furniture import LasClass, Patch
@@ -25,13 +25,8 @@ class Hits(NamedTuple):
 
 def check_embreex() -> None:
     """Check that embreex is installed, before the work whose last step needs it."""
-    try:
+    with needs_extra("embreex", "to cast rays in a simulated city", "demo"):
         import embreex  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError(
-            "Expected embreex to cast rays in a simulated city, but it is not installed."
-            " Run: pip install 'maxcon[demo]'"
-        ) from error
 
 
 class Caster(Protocol):
