@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from maxcon.estimate import Estimate, Status
     from maxcon.geometry import LocalFrame, Pose
     from maxcon.integrity import Trust
-    from maxcon.io.recordings.poses import RecordedPoses, read_recorded_poses
+    from maxcon.io.fixes import RecordedPoses
+    from maxcon.io.recordings.poses import read_recorded_poses
     from maxcon.io.scans import RawScan, Scans, open_scans
     from maxcon.io.trajectories import read_trajectory
     from maxcon.localizer import MaximumConsensus
@@ -107,7 +108,7 @@ _HOME = {
     "PointMap": "maxcon.map",
     "Pose": "maxcon.geometry",
     "RawScan": "maxcon.io.scans",
-    "RecordedPoses": "maxcon.io.recordings.poses",
+    "RecordedPoses": "maxcon.io.fixes",
     "Relocalization": "maxcon.relocalization",
     "Relocalizer": "maxcon.relocalization",
     "Scan": "maxcon.scan",

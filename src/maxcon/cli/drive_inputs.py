@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from maxcon.cli.flags import check_exclusive, check_needs
 from maxcon.cli.options import Certainty, MethodOptions, MotionOptions, RecordingOptions, SpaceOptions, parse_objective
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate
     from maxcon.drive.many import DriveEntry, DriveTask
     from maxcon.drive.within_sigmas import WithinSigmas
+    from maxcon.io.fixes import RecordedPoses
     from maxcon.io.scans import Scans
     from maxcon.localizer import MaximumConsensus
     from maxcon.map import PointMap
@@ -116,7 +117,7 @@ class OpenedDrive:
     entry: "DriveEntry"
     point_map: "PointMap"
     scans: "Scans"
-    prior: "Prior"
+    prior: "RecordedPoses"
     odometry: "Trajectory | None"
     words: tuple[str, ...]
     method: "MaximumConsensus"
@@ -216,28 +217,43 @@ def _words_of(scans: "Scans", quiet: bool) -> list[str]:
     return [*words, scans.words] if isinstance(scans, MergedScans) else words
 
 
-class Prior(NamedTuple):
-    """Rough poses of the scanner; what they are in words, where that is not plain; rows that are no poses."""
-
-    trajectory: "Trajectory"
-    words: str = ""
-    left_out: tuple[str, ...] = ()
-
-
 def _prior(
     point_map: "PointMap",
     entry: "DriveEntry",
     options: RecordingOptions,
     mounting: "Mounting | None",
     sensor_frame: str,
-) -> Prior:
-    from maxcon.io.geographic_priors import is_geographic
+) -> "RecordedPoses":
+    """Rough poses of the scanner."""
+    from maxcon.drive.diagnosis import check_heights
+    from maxcon.io.fixes import Heights
+
+    poses = _poses_of_prior(point_map.frame.crs, entry, options, sensor_frame, are_sure=mounting is not None)
+    trajectory = poses.trajectory
+    if mounting is not None:
+        trajectory = mounting.of_prior(trajectory, has_orientations=poses.has_orientations)
+    if poses.heights is not None:
+        check_heights(point_map, trajectory, are_orthometric=poses.heights is Heights.ORTHOMETRIC)
+    return replace(poses, trajectory=trajectory, words=poses.words and f"prior: {poses.words}")
+
+
+def _poses_of_prior(
+    crs: str | None, entry: "DriveEntry", options: RecordingOptions, sensor_frame: str, *, are_sure: bool
+) -> "RecordedPoses":
+    """The poses of a recording, a table or a log, as they are there."""
+    from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
     from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
+    from maxcon.io.recordings.poses import read_recorded_poses
+    from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_prior
 
     source = entry.prior or entry.scans
     if is_recording(source) and source.suffix.lower() != CAPTURE_SUFFIX:
-        return _recorded_prior(source, point_map, options, mounting, sensor_frame)
+        frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
+        return read_recorded_poses(
+            source, options.prior_topic, crs, options.geoid_height,
+            are_sure=are_sure, frames=frames, sensor_frame=sensor_frame,
+        )  # fmt: skip
     if entry.prior is None:
         raise OptionError(
             f"Expected --prior with rough poses beside {entry.scans}, got none. Give it; only recordings with poses in"
@@ -246,47 +262,10 @@ def _prior(
     of_recordings = {"--prior-topic": options.prior_topic, "--prior-frames": options.prior_frames}
     check_exclusive({f"the prior {source}, which is no recording,": True}, of_recordings)
     if not is_recording(source) and is_geographic(source):
-        return _geographic_prior(source, point_map, options, mounting)
+        return read_geographic_prior(source, crs, options.geoid_height, are_sure=are_sure)
     of_receivers = {"--geoid-height": options.geoid_height}
     check_exclusive({f"the prior {source}, which is not in latitude and longitude,": True}, of_receivers)
-    read = read_prior(source)
-    return Prior(read.trajectory if mounting is None else mounting.of_prior(read.trajectory), "", read.left_out)
-
-
-def _recorded_prior(
-    source: Path, point_map: "PointMap", options: RecordingOptions, mounting: "Mounting | None", sensor_frame: str
-) -> Prior:
-    from maxcon.drive.diagnosis import check_heights
-    from maxcon.io.recordings.poses import read_recorded_poses
-    from maxcon.io.recordings.transforms import parse_frames
-
-    frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
-    poses = read_recorded_poses(
-        source, options.prior_topic, point_map.frame.crs, options.geoid_height,
-        are_sure=mounting is not None, frames=frames, sensor_frame=sensor_frame,
-    )  # fmt: skip
-    trajectory = poses.trajectory
-    if mounting is not None:
-        trajectory = mounting.of_prior(trajectory, has_orientations=poses.has_orientations)
-    if poses.has_ellipsoidal_heights:
-        check_heights(point_map, trajectory)
-    return Prior(trajectory, f"prior: {poses.words}")
-
-
-def _geographic_prior(
-    source: Path, point_map: "PointMap", options: RecordingOptions, mounting: "Mounting | None"
-) -> Prior:
-    from maxcon.drive.diagnosis import check_heights
-    from maxcon.io.fixes import Heights
-    from maxcon.io.geographic_priors import read_geographic_prior
-
-    placed = read_geographic_prior(source, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None)
-    trajectory = placed.trajectory
-    if mounting is not None:
-        trajectory = mounting.of_prior(trajectory, has_orientations=placed.has_orientations)
-    if placed.heights is not None:
-        check_heights(point_map, trajectory, are_orthometric=placed.heights is Heights.ORTHOMETRIC)
-    return Prior(trajectory, f"prior: {placed.words}", placed.left_out)
+    return read_prior(source)
 
 
 def _odometry(

@@ -102,27 +102,31 @@ def is_place(place: list[float]) -> bool:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlacedFixes:
-    """Poses in the coordinates of a map.
+class RecordedPoses:
+    """Poses in the coordinates of a map, of a recording, a log or a table, and what is to be said of them.
 
-    trajectory: with covariances, where they are stated.
-    words: what headings and heights are, in a line.
-    heights: what heights are counted from that are taken as they are, though the map's CRS does not say what its own
-        are.
-    has_orientations: whether headings are measured; if not, they are the course over ground.
-    left_out: what is wrong with rows that are no positions.
+    - trajectory: with covariances, where they are stated.
+    - words: where they come from, what headings and heights are, in a line.
+    - heights: what heights are counted from that are taken as they are, though the map's CRS does not say what its own
+      are; else None.
+    - has_orientations: whether headings are measured; if not, they are the course over ground.
+    - position_frame, orientation_frame: names of the frames whose positions and whose orientations these are; empty
+      where not told.
+    - left_out: what is wrong with rows that are no poses.
     """
 
     trajectory: Trajectory
-    words: str
-    heights: Heights | None
-    has_orientations: bool
+    words: str = ""
+    heights: Heights | None = None
+    has_orientations: bool = True
+    position_frame: str = ""
+    orientation_frame: str = ""
     left_out: tuple[str, ...] = ()
 
 
 def place_fixes(
     log: ReceiverLog, frame: GeographicFrame, geoid_height: float | None, label: str, *, are_sure: bool = False
-) -> PlacedFixes:
+) -> RecordedPoses:
     """Return poses in the map's CRS, and what is to be said of them.
 
     frame: of the map.
@@ -151,12 +155,12 @@ def place_fixes(
     covariances[np.isnan(covariances).any(axis=(1, 2))] = np.nan
     known = None if np.isnan(covariances).all() else covariances
     left = f"; {fixes.n_left_out} messages without a fix left out" if fixes.n_left_out else ""
-    return PlacedFixes(
+    return RecordedPoses(
         checked_trajectory(label, fixes.times[rows], positions[rows], turns.quaternions_xyzw, known),
         f"{words}; {turns.words}; heights: {words_of_heights}{left}",
         None if frame.has_heights or geoid_height is not None else fixes.heights,
         turns.has_headings,
-        left_out,
+        left_out=left_out,
     )
 
 

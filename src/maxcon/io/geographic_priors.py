@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.fixes import Fixes, Heights, Orientations, PlacedFixes, ReceiverLog, is_place, place_fixes
+from maxcon.io.fixes import Fixes, Heights, Orientations, ReceiverLog, RecordedPoses, is_place, place_fixes
 from maxcon.io.nmea import is_nmea, read_nmea
 from maxcon.io.text import UNCLEAR_HEADINGS, PoseTable, numbered_lines, read_pose_table
 from maxcon.scan.trajectory import Trajectory, first_fault
@@ -38,7 +38,7 @@ def is_geographic(path: Path) -> bool:
 
 def read_geographic_prior(
     path: Path, crs: str | None, geoid_height: float | None = None, *, are_sure: bool = False
-) -> PlacedFixes:
+) -> RecordedPoses:
     """Return the poses in a log of NMEA sentences, or in a table with a column latitude.
 
     path: the file: see `read_nmea`, `read_geographic_csv`.

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from maxcon._system.atomic import atomic_file
 from maxcon.errors import FileError
 from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.io.fixes import RecordedPoses
 from maxcon.io.text import UNCLEAR_HEADINGS, PoseTable, read_pose_table
 from maxcon.scan.trajectory import Trajectory, first_fault
 
@@ -24,13 +24,6 @@ COVARIANCE_COLUMNS = (
     "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
 )  # fmt: skip
 SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
-
-
-class Prior(NamedTuple):
-    """Rough poses, and what is wrong with the rows that are no poses."""
-
-    trajectory: Trajectory
-    left_out: tuple[str, ...]
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
@@ -50,7 +43,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     return _read(Path(path), is_prior=False).trajectory
 
 
-def read_prior(path: str | os.PathLike[str]) -> Prior:
+def read_prior(path: str | os.PathLike[str]) -> RecordedPoses:
     """Return the trajectory in `path` without the rows that are no poses: loggers end in the middle of a line.
 
     Files and errors are those of `read_trajectory`; roll and pitch may be missing, and single rows are refused only
@@ -59,7 +52,7 @@ def read_prior(path: str | os.PathLike[str]) -> Prior:
     return _read(Path(path), is_prior=True)
 
 
-def _read(file: Path, *, is_prior: bool) -> Prior:
+def _read(file: Path, *, is_prior: bool) -> RecordedPoses:
     suffix = file.suffix.lower()
     if suffix in (".txt", ".tum"):
         table = read_pose_table(file, names=TUM_COLUMNS)
@@ -82,7 +75,7 @@ def _read(file: Path, *, is_prior: bool) -> Prior:
         fault = first_fault(*arrays)
     if fault is not None:
         table.refuse(fault.words, table.lines[fault.row])
-    return Prior(Trajectory(*arrays), table.told_faults())
+    return RecordedPoses(Trajectory(*arrays), left_out=table.told_faults())
 
 
 def _read_csv(file: Path, *, is_prior: bool) -> tuple[PoseTable, list[NDArray[np.float64]]]:

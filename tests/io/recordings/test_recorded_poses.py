@@ -8,6 +8,7 @@ import pytest
 from maxcon.drive.diagnosis import check_heights
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
+from maxcon.io.fixes import Heights
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.map import PointMap
 from maxcon.scan.trajectory import Trajectory
@@ -49,7 +50,7 @@ def test_positions_and_odometry_of_a_recording(recorded):
     prior = read_recorded_poses(path, crs=UTM)
     np.testing.assert_allclose(prior.trajectory.positions, way.positions, atol=1e-6)
     np.testing.assert_allclose(prior.trajectory.angles, way.angles, atol=1e-9)
-    assert prior.has_ellipsoidal_heights and "as they are" in prior.words
+    assert prior.heights is Heights.ELLIPSOIDAL and "as they are" in prior.words
     assert "less 40 m" in read_recorded_poses(path, crs=UTM, geoid_height=40.0).words
     motion = read_recorded_poses(path, is_odometry=True)
     np.testing.assert_allclose(motion.trajectory.positions, odometry.positions, atol=1e-9)

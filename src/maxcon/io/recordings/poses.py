@@ -7,8 +7,8 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.fixes import Fixes, Heights, Orientations, ReceiverLog, checked_trajectory, is_place, place_fixes
+from maxcon.io.fixes import Fixes, Orientations, ReceiverLog, RecordedPoses, checked_trajectory, is_place, place_fixes
 from maxcon.io.recordings.opening import open_recording
 from maxcon.io.recordings.recording import Recording, Topic, choose_topic, frame_name, frame_of
 from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree, contents, numbers_of
@@ -36,27 +36,6 @@ X_Y_HEADING = (0, 1, 5)
 """Rows of x, y and the turn about z in a covariance of ROS."""
 VEHICLE = "base_link"
 """Frame of a vehicle, by the convention of ROS: x forward."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordedPoses:
-    """Poses of one topic, or of a pair of frames.
-
-    - trajectory: with covariances, where they are stated.
-    - words: which topic, what headings and heights are, in a line.
-    - has_ellipsoidal_heights: whether heights are left ellipsoidal, as of a GNSS receiver: the CRS of the map does not
-      say what its own are.
-    - has_orientations: whether headings are measured; if not, they are the course over ground.
-    - position_frame, orientation_frame: names of the frames whose positions and whose orientations these are; empty
-      where not told.
-    """
-
-    trajectory: Trajectory
-    words: str
-    has_ellipsoidal_heights: bool = False
-    has_orientations: bool = True
-    position_frame: str = ""
-    orientation_frame: str = ""
 
 
 def read_recorded_poses(
@@ -137,10 +116,28 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
     return choose_topic(recording, name, kinds, preferred, "poses", f"{option}-topic", advice)
 
 
-def _table(rows: dict[float, list[float]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times, shape (n,), strictly increasing, and the row of each, shape (n, k)."""
+class _Rows(NamedTuple):
+    """What the messages of a topic say, by time: (n,) and (n, k); how many say nothing; frames, the last one last."""
+
+    times: NDArray[np.float64]
+    values: NDArray[np.float64]
+    n_left_out: int
+    frames: list[str]
+
+
+def _rows(recording: Recording, topic: Topic, what: str, row_of: Callable[[Any], list[float] | None]) -> _Rows:
+    """Read a topic; `row_of` a message are its numbers, None if it says nothing. The first of a time counts."""
+    rows: dict[float, list[float]] = {}
+    n_left_out, frames = 0, [""]
+    for _, time, content in contents(recording, [topic], what):
+        frames.append(frame_of(content))
+        row = row_of(content)
+        if row is None:
+            n_left_out += 1
+        else:
+            rows.setdefault(time, row)
     times = sorted(rows)
-    return np.array(times), np.array([rows[time] for time in times])
+    return _Rows(np.array(times), np.array([rows[time] for time in times]), n_left_out, frames)
 
 
 def _of_fixes(
@@ -152,75 +149,66 @@ def _of_fixes(
             f"Expected a map with a CRS, to place {label}, which is in latitude and longitude; got one without. Build"
             " it with --crs, or choose poses in the map's coordinates with --prior-topic."
         )
-    rows: dict[float, list[float]] = {}
-    n_left_out, frame = 0, ""
-    for _, time, content in contents(recording, [topic], "messages of positions"):
-        frame = frame_of(content)
+
+    def row_of(content: Any) -> list[float] | None:
         place = [float(content.latitude), float(content.longitude), float(content.altitude)]
         if content.status.status < 0 or not is_place(place):
-            n_left_out += 1
-            continue
+            return None
         stated = np.asarray(content.position_covariance, dtype=np.float64)[[0, 1, 3, 4]].tolist()
-        rows.setdefault(time, place + (stated if content.position_covariance_type > 0 else [math.nan] * 4))
-    if not rows:
+        return place + (stated if content.position_covariance_type > 0 else [math.nan] * 4)
+
+    times, values, n_left_out, frames = _rows(recording, topic, "messages of positions", row_of)
+    if not len(times):
         raise TrajectoryError(f"{label}: Expected at least one position, got none with a fix. Choose another topic.")
-    times, values = _table(rows)
-    fixes = Fixes(times, values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out, frame=frame)
+    fixes = Fixes(times, values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out, frame=frames[-1])
     orientations = _read_orientations(recording)
     log = ReceiverLog(fixes, orientations, f"poses from {printable(topic.name)} (NavSatFix)")
     placed = place_fixes(log, GeographicFrame(crs), geoid_height, label, are_sure=are_sure)
-    return RecordedPoses(
-        placed.trajectory,
-        placed.words,
-        placed.heights is Heights.ELLIPSOIDAL,
-        placed.has_orientations,
-        frame,
-        VEHICLE if orientations is None or not placed.has_orientations else orientations.frame,
-    )
+    turned = VEHICLE if orientations is None or not placed.has_orientations else orientations.frame
+    return replace(placed, position_frame=frames[-1], orientation_frame=turned)
 
 
 def _read_orientations(recording: Recording) -> Orientations | None:
     """The orientations of the first topic of Imu that has any."""
+
+    def row_of(content: Any) -> list[float] | None:
+        turn = content.orientation
+        values = [float(value) for value in (turn.x, turn.y, turn.z, turn.w)]
+        first, *_, last = np.asarray(content.orientation_covariance, dtype=np.float64)
+        if first < 0.0 or abs(math.hypot(*values) - 1.0) > 0.01:  # -1: it knows none
+            return None
+        return [*values, math.sqrt(last) if last > 0.0 else math.nan]
+
     for topic in recording.of_type(IMU):
-        rows: dict[float, list[float]] = {}
-        frame = ""
-        for _, time, content in contents(recording, [topic], "messages of an IMU"):
-            frame, turn = frame_of(content), content.orientation
-            values = [float(value) for value in (turn.x, turn.y, turn.z, turn.w)]
-            first, *_, last = np.asarray(content.orientation_covariance, dtype=np.float64)
-            if first < 0.0 or abs(math.hypot(*values) - 1.0) > 0.01:  # -1: it knows none
-                continue
-            rows.setdefault(time, [*values, math.sqrt(last) if last > 0.0 else math.nan])
-        if rows:
-            times, table = _table(rows)
+        times, table, _, frames = _rows(recording, topic, "messages of an IMU", row_of)
+        if len(times):
             turns = Trajectory(times, np.zeros((len(times), 3)), table[:, :4])
-            return Orientations(printable(topic.name), turns, table[:, 4], frame)
+            return Orientations(printable(topic.name), turns, table[:, 4], frames[-1])
     return None
 
 
 def _of_poses(recording: Recording, topic: Topic, label: str) -> RecordedPoses:
     """Poses as they are written: in whatever frame their header names."""
-    rows: dict[float, list[float]] = {}
-    frames: set[str] = set()
-    n_left_out, part = 0, ""
-    for _, time, content in contents(recording, [topic], "messages of poses"):
+    part = ""
+
+    def row_of(content: Any) -> list[float] | None:
+        nonlocal part
+        part = frame_name(content.child_frame_id) if topic.type == ODOMETRY else ""
         pose, covariance = POSES[topic.type](content)
         numbers = numbers_of(pose.position, pose.orientation)
-        frames.add(printable(frame_of(content))[:40])
-        part = frame_name(content.child_frame_id) if topic.type == ODOMETRY else ""
         if not np.isfinite(numbers).all() or not any(numbers[3:]):
-            n_left_out += 1
-            continue
+            return None
         stated = np.asarray(covariance, dtype=np.float64).reshape(6, 6)[np.ix_(X_Y_HEADING, X_Y_HEADING)]
-        rows.setdefault(time, numbers + (stated if np.any(covariance) else np.full((3, 3), np.nan)).ravel().tolist())
-    if not rows:
+        return numbers + (stated if np.any(covariance) else np.full((3, 3), np.nan)).ravel().tolist()
+
+    times, values, n_left_out, frames = _rows(recording, topic, "messages of poses", row_of)
+    if not len(times):
         raise TrajectoryError(f"{label}: Expected at least one pose, got none. Choose another topic.")
-    times, values = _table(rows)
     covariances = values[:, 7:].reshape(-1, 3, 3)
     known = None if np.isnan(covariances).all() else covariances
     trajectory = checked_trajectory(label, times, values[:, :3], values[:, 3:7], known)
     kind = topic.type.rpartition("/")[2]
-    named = ", ".join(sorted(frames)) or "without a name"
+    named = ", ".join(sorted({printable(frame)[:40] for frame in frames[1:]})) or "without a name"
     left = f"; {n_left_out} messages without a pose left out" if n_left_out else ""
     stated_words = "" if known is None else ", with covariances"
     words = f"poses from {printable(topic.name)} ({kind}{stated_words}) in the frame {named}{left}"
