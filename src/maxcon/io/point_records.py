@@ -138,13 +138,11 @@ def _taken(column: NDArray[Any], rows: NDArray[np.intp] | None) -> NDArray[Any]:
 def _returns(records: NDArray[np.void]) -> tuple[list[NDArray[Any]], NDArray[np.intp]]:
     """The columns of x, y and z, and the rows of points that are finite and not at (0, 0, 0)."""
     x, y, z = (_column(records, name) for name in coordinate_fields(records.dtype))
-    return [x, y, z], np.flatnonzero(are_returns(x, y, z)[0])
+    return [x, y, z], np.flatnonzero(are_returns(x, y, z))
 
 
-def are_returns(
-    x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]
-) -> tuple[NDArray[np.bool_], NDArray[np.floating]]:
-    """Return which points are finite and not at (0, 0, 0), and their squared distances from there, shape (n,)."""
+def are_returns(x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Return which points are finite and not at (0, 0, 0), shape (n,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         squared = x * x
         squared += y * y
@@ -154,7 +152,7 @@ def are_returns(
     rows = np.flatnonzero(~is_return)
     places = np.stack([x[rows], y[rows], z[rows]], axis=1)
     is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
-    return is_return, squared
+    return is_return
 
 
 def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] | None:

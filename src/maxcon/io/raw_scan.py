@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
-from maxcon.io.point_records import are_returns
+from maxcon.io.point_records import CloudPoints
 from maxcon.scan.deskew import deskew, times_of_turn
 from maxcon.scan.normals import Viewpoints
 from maxcon.scan.trajectory import Trajectory
@@ -85,15 +85,28 @@ def check_range(min_range: float, max_range: float) -> None:
         )
 
 
-def returns_in_range(points: NDArray[np.float64], min_range: float, max_range: float) -> tuple[NDArray[np.bool_], int]:
-    """Return which points are returns within the range (m), shape (n,), and how many are returns at all.
+def scan_within(
+    cloud: CloudPoints, stamp: float, time: float, name: str, min_range: float, max_range: float
+) -> RawScan:
+    """Return the returns of a cloud within the range (m) as a scan at `time`; its own time is `stamp`, s.
 
-    A return is finite, and not at (0, 0, 0). Errors as of `check_range`.
+    Errors as of `check_range`.
     """
     check_range(min_range, max_range)
-    is_return, squared = are_returns(*points.T)
-    ranges = np.sqrt(squared)
-    return is_return & (ranges >= min_range) & (ranges <= max_range), int(np.count_nonzero(is_return))
+    x, y, z = cloud.points.T
+    with np.errstate(over="ignore"):
+        ranges = np.sqrt(x * x + y * y + z * z)
+    kept, offsets = np.flatnonzero((ranges >= min_range) & (ranges <= max_range)), cloud.times.offsets
+    return RawScan(
+        points=cloud.points.take(kept, axis=0),
+        time=time,
+        name=name,
+        n_returns=cloud.n_points,
+        n_dropped_invalid=cloud.n_invalid,
+        n_dropped_range=len(cloud.points) - len(kept),
+        n_dropped_duplicates=cloud.n_duplicates,
+        point_times=None if offsets is None else offsets.take(kept) - (time - stamp),
+    )
 
 
 def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from maxcon._system import Progress
 from maxcon.errors import FileError
-from maxcon.io.raw_scan import RawScan, Scans, returns_in_range
+from maxcon.io.raw_scan import RawScan, Scans, scan_within
 from maxcon.io.recordings.clouds import CloudSource, RecordedCloud, open_clouds
 
 
@@ -107,20 +107,8 @@ class RecordedScans(Scans):
         """Return scan number `i`; fast where they are read one after the other."""
         with self._lock:
             cloud = self._cloud(int(self._index.rows[i]))
-        content = cloud.points()
-        is_kept, _ = returns_in_range(content.points, min_range, max_range)
-        kept, offsets = np.flatnonzero(is_kept), content.times.offsets
         time = float(self.times[i])
-        return RawScan(
-            points=content.points.take(kept, axis=0),
-            time=time,
-            name=self.name(i),
-            n_returns=content.n_points,
-            n_dropped_invalid=content.n_invalid,
-            n_dropped_range=len(content.points) - len(kept),
-            n_dropped_duplicates=content.n_duplicates,
-            point_times=None if offsets is None else offsets.take(kept) - (time - cloud.stamp / 1e9),
-        )
+        return scan_within(cloud.points(), cloud.stamp / 1e9, time, self.name(i), min_range, max_range)
 
     def close(self) -> None:
         """Close the recording; it is closed as well when these scans are no longer used."""

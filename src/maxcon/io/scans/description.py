@@ -11,11 +11,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maxcon.errors import FileError
-from maxcon.io.point_records import words_of
-from maxcon.io.raw_scan import returns_in_range
+from maxcon.io.point_records import CloudPoints, words_of
 from maxcon.io.recordings.clouds import (
     CLOUD,
     VELODYNE,
@@ -47,14 +45,11 @@ class RecordingDescription(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """One scan that was read."""
+    """One scan that was read: its returns, time, s, and the fields of a point in words."""
 
-    points: NDArray[np.float64]
+    cloud: CloudPoints
     time: float
-    counts: tuple[int, int, int]
     fields: str
-    times: str
-    rings: NDArray[np.int64] | None = None
 
 
 def describe(path: str | os.PathLike[str], topic: str | None = None) -> RecordingDescription:
@@ -84,15 +79,13 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
 
 
 def _seen(cloud: RecordedCloud) -> _Seen:
-    found = cloud.points()
     fields = "" if isinstance(cloud.records, FileError) else words_of(cloud.records.dtype)
-    counts = found.n_points, found.n_invalid, found.n_duplicates
-    return _Seen(found.points, cloud.stamp * 1e-9, counts, fields, found.times.words, found.rings)
+    return _Seen(cloud.points(), cloud.stamp * 1e-9, fields)
 
 
 def _seen_in_folder(scans: ScanFolder, i: int) -> _Seen:
-    raw, words = scans.read(i, 0.0, np.inf), scans.words(i) if i == 0 else ("", "")
-    return _Seen(raw.points, raw.time, (raw.n_returns, raw.n_dropped_invalid, 0), *words)
+    cloud, fields = scans.cloud(i)
+    return _Seen(cloud, float(scans.times[i]), fields)
 
 
 def _described(source: str, n_scans: int, reads: Iterator[Callable[[], _Seen]]) -> dict[str, str]:
@@ -107,26 +100,30 @@ def _described(source: str, n_scans: int, reads: Iterator[Callable[[], _Seen]]) 
     times = sorted(scan.time for scan in seen)
     rate = f", {(len(times) - 1) / (times[-1] - times[0]):.2f} a second" if times and times[-1] > times[0] else ""
     n_seen = len(seen) + len(problems)
-    n_points, n_invalid, n_duplicates = np.sum([(0, 0, 0), *(scan.counts for scan in seen)], axis=0).tolist()
-    rings = np.unique(np.concatenate([np.empty(0, np.int64), *(s.rings for s in seen if s.rings is not None)]))
+    clouds = [scan.cloud for scan in seen]
+    n_points, n_invalid, n_duplicates = (
+        sum(numbers) for numbers in zip((0, 0, 0), *(c[3:] for c in clouds), strict=True)
+    )
+    rings = np.unique(np.concatenate([np.empty(0, np.int64), *(c.rings for c in clouds if c.rings is not None)]))
     words = {
         "scans": f"{source}: {n_scans:,} scans{rate}; of the first {n_seen}:",
         "fields": (seen[0].fields if seen else "") or "x, y, z",
-        "times": (seen[0].times if seen else "") or "the points of these files have no times",
+        "times": (clouds[0].times.words if clouds else "") or "the points of these files have no times",
         "rings": f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
         "points": (
             f"{n_points / max(n_seen, 1):,.0f} a scan; {100.0 * n_invalid / max(n_points, 1):.1f} % no returns,"
             f" {100.0 * n_duplicates / max(n_points, 1):.1f} % come twice"
         ),
     }
-    full = [scan.points for scan in seen if len(scan.points)]
+    full = [cloud.points for cloud in clouds if len(cloud.points)]
     if full:
         points = np.concatenate(full)
         ranges = np.linalg.norm(points, axis=1)
         words["range"] = f"{ranges.min():.2f} to {ranges.max():.1f} m, median {np.median(ranges):.1f} m"
         extents = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
         words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"
-        near = full[0][returns_in_range(full[0], 1.0, 120.0)[0]]
+        first = ranges[: len(full[0])]
+        near = full[0][(first >= 1.0) & (first <= 120.0)]
         if len(near):
             percent = 100.0 * float(Scan(near).normals.any(axis=1).mean())
             words["normals"] = f"{percent:.0f} % of the points of the first scan have one"

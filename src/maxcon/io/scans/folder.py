@@ -16,9 +16,9 @@ from maxcon._system.regular_file import check_regular
 from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
-from maxcon.io.point_records import coordinate_fields, times_and_rings, words_of
+from maxcon.io.point_records import CloudPoints, are_returns, coordinate_fields, times_and_rings, words_of
 from maxcon.io.point_times import PointTimes, find_point_times
-from maxcon.io.raw_scan import RawScan, Scans, returns_in_range
+from maxcon.io.raw_scan import RawScan, Scans, scan_within
 from maxcon.io.scans.pcd import read_pcd
 from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float, reading
 
@@ -124,31 +124,19 @@ class ScanFolder(Scans):
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
         """Return scan number `i`; parameters and errors as of any scans, MissingExtraError besides (PCD)."""
-        content = read_scan_file(self.paths[i])
-        points = content.points
-        is_kept, n_returns = returns_in_range(points, min_range, max_range)
-        kept = points if is_kept.all() else points.compress(is_kept, axis=0)
-        times = self._times_of(content, i, is_kept)
-        return RawScan(
-            points=kept,
-            time=float(self.times[i]),
-            name=self.paths[i].name,
-            n_returns=len(points),
-            n_dropped_invalid=len(points) - n_returns,
-            n_dropped_range=n_returns - len(kept),
-            point_times=None if times is None else times.offsets,
-        )
+        time = float(self.times[i])
+        return scan_within(self.cloud(i)[0], time, time, self.paths[i].name, min_range, max_range)
 
-    def _times_of(self, content: ScanFile, i: int, is_wanted: NDArray[np.bool_]) -> PointTimes | None:
-        """When the points of a scan were measured, from its time on; None where its file has no such field."""
-        columns = {name: values[is_wanted] for name, values in content.times.items()}
-        return find_point_times(columns, round(float(self.times[i]) * 1e9)) if columns else None
-
-    def words(self, i: int) -> tuple[str, str]:
-        """Return the fields of scan number `i`, and how the times of its points are understood; errors as of `read`."""
+    def cloud(self, i: int) -> tuple[CloudPoints, str]:
+        """Return the returns of scan number `i`, and the fields of its file in words; errors as of `read`."""
         content = read_scan_file(self.paths[i])
-        times = self._times_of(content, i, returns_in_range(content.points, 0.0, np.inf)[0])
-        return content.fields, "" if times is None else times.words
+        points, rows = content.points, np.flatnonzero(are_returns(*content.points.T))
+        times = PointTimes(None, "", "")
+        if content.times:
+            columns = {name: values.take(rows) for name, values in content.times.items()}
+            times = find_point_times(columns, round(float(self.times[i]) * 1e9))
+        n_invalid = len(points) - len(rows)
+        return CloudPoints(points.take(rows, axis=0), times, None, len(points), n_invalid, 0), content.fields
 
 
 def open_scans(
