@@ -192,8 +192,8 @@ class CellSearch:
 
     def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace) -> BestCell | None:
         """The best cell by branch and bound; None where nothing scores: all cells are scored then."""
-        share = self._asked_ratio
-        found = self._branch_and_bound(self.objective)(scan, point_map, prior, space, share=share)
+        ratio = self._asked_ratio
+        found = self._branch_and_bound(self.objective)(scan, point_map, prior, space, ratio=ratio)
         raised, plane = space.raised(prior, found.height), space.plane
         score = float(Helmert().score(found.moments))
         if score <= 0.0:
@@ -201,8 +201,8 @@ class CellSearch:
         helmert = found
         if not isinstance(self.objective, Helmert):
             search = self._branch_and_bound(Helmert())
-            helmert = search(scan, point_map, raised, plane, share=share, guarded=found.cell)
-        return BestCell(plane, raised, found.cell, found.score, found.moments, helmert.rest / score)
+            helmert = search(scan, point_map, raised, plane, ratio=ratio, guarded=found.cell)
+        return BestCell(plane, raised, found.cell, found.score, found.moments, helmert.second_best / score)
 
     def _is_higher_beyond(self, best: BestCell, scan: Scan, point_map: PointMap) -> bool:
         """Whether one step beyond the outermost heading, if that is the best one, some cell scores higher."""

@@ -66,14 +66,14 @@ def test_exhaustive_over_heights_is_the_definition(seed, n_heights, objective):
     n_steps=st.sampled_from([0, 2, 10]),
     objective=st.sampled_from([*OBJECTIVES, OwnObjective()]),
     options=OPTIONS,
-    share=st.sampled_from([1.0, 0.8, 0.3]),
+    ratio=st.sampled_from([1.0, 0.8, 0.3]),
 )
 def test_branch_and_bound_over_heights_finds_what_the_exhaustive_search_finds(
-    seed, n_heights, n_steps, objective, options, share
+    seed, n_heights, n_steps, objective, options, ratio
 ):
     space = SearchSpace(n_steps * CELL, CELL, 0.5, 0.5, n_heights * CELL)
     scene = yard(seed, space)
-    found = branch_and_bound(*scene, space, objective, share=share, **options)
+    found = branch_and_bound(*scene, space, objective, ratio=ratio, **options)
     height, accumulator = highest_of(accumulators(exhaustive, *scene, space, **options), objective)
     cell, scores = accumulator.best_cell(objective), accumulator.score(objective)
     event(f"steps from the prior's height: {abs(height - space.n_heights // 2)}")
@@ -81,13 +81,13 @@ def test_branch_and_bound_over_heights_finds_what_the_exhaustive_search_finds(
     assert found.score == scores[cell] == found.bound
     np.testing.assert_array_equal(found.moments, accumulator.moments[cell])
     # The second best is that of the same height.
-    alone = branch_and_bound(*scene[:2], space.raised(scene[2], height), space.plane, objective, share=share, **options)
+    alone = branch_and_bound(*scene[:2], space.raised(scene[2], height), space.plane, objective, ratio=ratio, **options)
     y, x = (np.arange(n) - at for n, at in zip(space.shape[1:], cell[1:], strict=True))
     is_far = np.hypot(y[:, None], x) * CELL > 0.3
     second_best = scores.max(axis=0).max(where=is_far, initial=0.0)
-    assert (alone.cell, found.rest >= second_best) == (found.cell, True)
-    if second_best >= share * found.score:
-        assert found.rest == second_best == alone.rest
+    assert (alone.cell, found.second_best >= second_best) == (found.cell, True)
+    if second_best >= ratio * found.score:
+        assert found.second_best == second_best == alone.second_best
 
 
 def test_ties_of_heights_are_broken_in_index_order():

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """What the compiled searches prepare is what plain NumPy makes of the definitions, to the last bit."""
 
-import pickle
-
 import numpy as np
 import pytest
 from hypothesis import event, given
@@ -14,10 +12,9 @@ from maxcon import PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError
 from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS
-from maxcon.search import Multiplicity, Weighting, group_kernels
+from maxcon.search import Multiplicity, Weighting, visit_kernels
 from maxcon.search.accumulator import turn, upright
-from maxcon.search.group_kernels import SQUARE_VOXELS
-from maxcon.search.prepared_scan import PreparedScan, _aligned_zeros
+from maxcon.search.prepared_scan import SQUARE_BITS, PreparedScan, _aligned_zeros
 
 CELL = 0.25
 TILE = TILE_VOXELS * CELL
@@ -45,22 +42,6 @@ def prepared_with(scan, point_map, prior, weighting=Weighting.COSINE):
     return PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
 
 
-def plainly(scan, prior, weighting):
-    """Points, normals, columns, layers, in order; group of each; middles: as `PreparedScan` describes them."""
-    scan_upright = upright(scan, prior)
-    layers = voxel_indices(scan_upright.points, CELL)[:, 2]
-    turned = turn(scan_upright.points, prior.heading) + [prior.x, prior.y, 0.0]
-    x, y, _ = voxel_indices(turned, CELL).T
-    is_plain = ~scan_upright.normals.any(axis=1) | (weighting is Weighting.ONE)
-    parts = [y // SQUARE_VOXELS, x // SQUARE_VOXELS, layers]
-    normals = np.where(is_plain[:, None], 0.0, scan_upright.normals)
-    order = np.lexsort([x, y, is_plain, *parts[::-1]])
-    _, groups = np.unique(np.array(parts)[:, order], axis=1, return_inverse=True)
-    n_with_normal = np.bincount(groups, ~is_plain[order])
-    points = scan_upright.points[order]
-    return points, normals[order], np.array([x, y])[:, order], layers[order], groups, n_with_normal
-
-
 @given(
     seed=SEEDS,
     n_points=st.integers(1, 80) | st.just(400),
@@ -68,38 +49,50 @@ def plainly(scan, prior, weighting):
     height=st.sampled_from([0.0, 3.0, 1e8]),
     weighting=st.sampled_from(list(Weighting)),
 )
-def test_groups_and_tiles_are_those_of_the_definition(seed, n_points, spread, height, weighting):
+def test_groups_hold_all_points_of_one_square_and_layer_and_tiles_are_those_they_can_meet(
+    seed, n_points, spread, height, weighting
+):
     rng = np.random.default_rng(seed)
     prior = random_prior(rng)
     scan = random_scan(rng, n_points, spread, height)
     point_map = random_map(rng, prior, 60, 3 * TILE)
     prepared = prepared_with(scan, point_map, prior, weighting)
-
-    points, normals, columns, layers, groups, n_with_normal = plainly(scan, prior, weighting)
-    assert (prepared.points == points[:, :2].T).all()
-    assert (prepared.normals == normals.T).all()
-    nx, ny, _ = upright(scan, prior).normals.T
+    # The same points, in another order.
+    aligned = upright(scan, prior)
+    normals = np.zeros_like(aligned.normals) if weighting is Weighting.ONE else aligned.normals
+    layers = np.repeat(prepared.layers, np.diff(prepared.starts))
+    wanted = np.column_stack([aligned.points[:, :2], voxel_indices(aligned.points, CELL)[:, 2], normals])
+    got = np.column_stack([prepared.points.T, layers, prepared.normals.T])
+    assert (got[np.lexsort(got.T)] == wanted[np.lexsort(wanted.T)]).all()
+    nx, ny, _ = aligned.normals.T
     np.testing.assert_allclose(prepared.spread, [nx @ nx, nx @ ny, ny @ ny], atol=1e-9)
-    assert prepared.starts.tolist() == [*np.flatnonzero(np.diff(groups, prepend=-1)), n_points]
-    assert (prepared.middles == prepared.starts[:-1] + n_with_normal).all()
-    scan_layers, ranks = np.unique(layers, return_inverse=True)
-    assert (prepared.ranks == ranks[prepared.starts[:-1]]).all()
+    # Each group has one square; near each other, each square and layer has one group.
+    places = turn(np.vstack([prepared.points, np.zeros(n_points)]).T, prior.heading) + [prior.x, prior.y, 0.0]
+    columns = voxel_indices(places, CELL)[:, :2]
+    groups = np.repeat(np.arange(len(prepared.layers)), np.diff(prepared.starts))
+    parts = np.column_stack([columns >> SQUARE_BITS, layers])
+    assert (parts == parts[prepared.starts[:-1]][groups]).all()
+    assert max(spread, height) > 1e6 or len(np.unique(parts, axis=0)) == len(prepared.layers)
+    is_bare = ~prepared.normals.any(axis=0)
+    assert (is_bare == (np.arange(n_points) >= prepared.middles[groups])).all()
+    # Points of one voxel follow each other, those with a normal and those without.
+    kinds = np.column_stack([columns, layers, is_bare])
+    assert max(spread, height) > 1e6 or (
+        len(np.unique(kinds, axis=0)) == 1 + np.count_nonzero((np.diff(kinds, axis=0) != 0).any(axis=1))
+    )
 
-    reach = np.hypot(*points[:, :2].T) * np.abs(SPACE.headings).max() + SPACE.reach + CELL
-    reach = np.maximum.reduceat(reach, prepared.starts[:-1])
-    low = np.minimum.reduceat(columns, prepared.starts[:-1], axis=1) * CELL - reach
-    high = (np.maximum.reduceat(columns, prepared.starts[:-1], axis=1) + 1) * CELL + reach
+    reach = np.hypot(*prepared.points) * np.abs(SPACE.headings).max() + SPACE.reach + CELL
+    reach = np.maximum.reduceat(reach, prepared.starts[:-1])[:, None]
     edge = point_map.tile_voxels * point_map.cell
-    first, last = np.floor(low.T / edge), np.floor(high.T / edge)
+    first = np.floor((np.minimum.reduceat(columns, prepared.starts[:-1]) * CELL - reach) / edge)
+    last = np.floor(((np.maximum.reduceat(columns, prepared.starts[:-1]) + 1) * CELL + reach) / edge)
     met = [key for key in sorted(point_map.tile_keys) if ((first <= key) & (last >= key)).all(axis=1).any()]
     event(f"tiles: {min(len(met), 3)}, far apart: {spread > 1e6 or height > 1e6}")
-    assert [tile.key for tile, _ in prepared.tiles.values()] == met
-    for slot, (tile, numbers) in prepared.tiles.items():
+    assert [tile.key for tile in prepared.tiles.values()] == met
+    for slot, tile in prepared.tiles.items():
         row, column = divmod(slot, prepared.shape[1])
         assert (prepared.corner[0] + column, prepared.corner[1] + row) == tile.key
         assert row < prepared.shape[0]
-        wanted = {layer: number for number, layer in enumerate(tile.index.layers.tolist())}
-        assert numbers.tolist() == [wanted.get(layer, -1) for layer in scan_layers.tolist()]
 
 
 @given(seed=SEEDS, n_points=st.integers(0, 60), n_headings=st.integers(1, 4))
@@ -111,24 +104,13 @@ def test_turned_is_what_the_definition_turns(seed, n_points, n_headings):
     prepared = prepared_with(scan, point_map, prior)
     headings = rng.integers(0, len(SPACE.headings), n_headings)
     turns = np.array([(np.cos(a), np.sin(a)) for a in prior.heading + SPACE.headings[headings]])
-    columns = group_kernels.turn_to_columns(prepared.points, turns, (prior.x, prior.y), CELL)
-    turned = group_kernels.turn_normals(prepared.normals, turns)
+    columns = visit_kernels.turn_to_columns(prepared.points, turns, (prior.x, prior.y), CELL)
+    turned = visit_kernels.turn_normals(prepared.normals, turns)
     points = np.vstack([prepared.points, np.zeros(n_points)]).T
     for i, heading in enumerate(prior.heading + SPACE.headings[headings]):
         places = turn(points, heading) + [prior.x, prior.y, 0.0]
         assert (columns[i] == voxel_indices(places, CELL).T[:2]).all()
         assert (turned[i] == turn(prepared.normals.T, heading).T.astype(np.float32)).all()
-
-
-@given(seed=SEEDS, n=st.integers(0, 300), n_bits=st.integers(0, 64), has_ties=st.booleans())
-def test_keys_are_sorted_as_numpy_does(seed, n, n_bits, has_ties):
-    rng = np.random.default_rng(seed)
-    keys = rng.integers(0, 2**n_bits - 1, n, dtype=np.uint64, endpoint=True)
-    keys = rng.choice(keys, n) if has_ties and n else keys
-    wanted = np.argsort(keys, kind="stable")
-    order, ordered = group_kernels.sort_keys(keys.copy())
-    assert (order == wanted).all()
-    assert (ordered == keys[wanted]).all()
 
 
 def test_an_empty_scan_has_no_groups_and_loads_no_tile():
@@ -137,7 +119,7 @@ def test_an_empty_scan_has_no_groups_and_loads_no_tile():
     prepared = prepared_with(nothing, random_map(np.random.default_rng(1), prior, 5, 1.0), prior)
     assert prepared.starts.tolist() == [0]
     assert (prepared.points.shape, prepared.normals.shape) == ((2, 0), (3, 0))
-    assert (len(prepared.middles), len(prepared.ranks), prepared.tiles, prepared.shape) == (0, 0, {}, (0, 0))
+    assert (len(prepared.middles), len(prepared.layers), prepared.tiles, prepared.shape) == (0, 0, {}, (0, 0))
 
 
 END = 2.0**30 * CELL  # indices end there
@@ -175,7 +157,7 @@ def test_the_grid_is_as_large_as_the_tiles_in_reach_wherever_they_are(x, y):
     rng = np.random.default_rng(2)
     scan, point_map = random_scan(rng, 50, 3.0, 1.0), random_map(rng, prior, 400, 3.0)
     prepared = prepared_with(scan, point_map, prior)
-    assert [tile.key for tile, _ in prepared.tiles.values()] == [(int(x - 0.5), int(y) - 1), (int(x - 0.5), int(y))]
+    assert [tile.key for tile in prepared.tiles.values()] == [(int(x - 0.5), int(y) - 1), (int(x - 0.5), int(y))]
     assert (prepared.corner, prepared.shape) == ((int(x - 0.5), int(y) - 1), (2, 1))
 
 
@@ -192,20 +174,9 @@ def test_the_field_of_the_points_that_constrain(weighting):
     assert (part.points == whole.points[:, kept]).all()
     assert (part.normals == whole.normals[:, kept]).all()
     assert np.diff(part.starts).tolist() == [len(each) for each in numbers if len(each)]
-    assert part.ranks.tolist() == [rank for rank, each in zip(whole.ranks, numbers, strict=True) if len(each)]
+    assert part.layers.tolist() == [layer for layer, each in zip(whole.layers, numbers, strict=True) if len(each)]
     if weighting is Weighting.PUBLISHED:
         assert (part.middles == part.starts[1:]).all()
         assert 300 < len(kept) < 450
     else:
         assert len(kept) == len(scan)
-
-
-def test_a_scan_from_another_process_needs_no_other_code():
-    rng = np.random.default_rng(1)
-    prior = random_prior(rng)
-    scan, point_map = random_scan(rng, 20, 3.0, 1.0), random_map(rng, prior, 5, 1.0)
-    wanted = prepared_with(scan, point_map, prior)
-    before = list(group_kernels.group_scan.signatures)
-    prepared = prepared_with(pickle.loads(pickle.dumps(scan)), point_map, prior)
-    assert (prepared.points == wanted.points).all() and (prepared.normals == wanted.normals).all()
-    assert group_kernels.group_scan.signatures == before

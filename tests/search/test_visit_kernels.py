@@ -82,18 +82,18 @@ def test_runs_hold_the_voxels_of_the_patches_that_a_visit_meets(seed, n_groups, 
     tile = PointMap.from_points(points, np.tile([1.0, 0.0, 0.0], (n_voxels, 1)), 1.0).tile((0, 0))
     starts, columns = random_groups(seed, n_groups, n_headings, drift, 600)
     visits = visit_kernels.plan_visits(starts, columns)
-    middles, ranks = starts[1:] - rng.integers(0, 2, n_groups), rng.integers(0, 7, n_groups)
-    layers = np.array([tile.index.layers.tolist().index(k) if k in tile.index.layers else -1 for k in range(7)])
+    middles, layers = starts[1:] - rng.integers(0, 2, n_groups), rng.integers(-1, 7, n_groups)
     firsts, numbers, rectangles = visit_kernels.visits_of_tiles(visits, (-3, 9, -40, 2), 9, (0, 0), (1, 1))
     stops, runs = visit_kernels.stops_in_tile(
-        visits, numbers, rectangles, starts, middles, ranks, layers, tile.index.patch_starts, tile.n_patches
-    )
+        visits, numbers, rectangles, starts, middles, layers, int(tile.index.layers[0]), tile.layer_numbers,
+        tile.index.patch_starts, tile.n_patches,
+    )  # fmt: skip
     patches = tile.columns // PATCH_VOXELS
     wanted = []
     for number, rectangle in zip(numbers, rectangles, strict=True):
         group, since, until = visits[number, :3]
         x_first, x_last, y_first, y_last = rectangle // PATCH_VOXELS
-        is_met = (tile.layers == ranks[group]) & (patches[:, 0] >= x_first) & (patches[:, 0] <= x_last)
+        is_met = (tile.layers == layers[group]) & (patches[:, 0] >= x_first) & (patches[:, 0] <= x_last)
         met = np.flatnonzero(is_met & (patches[:, 1] >= y_first) & (patches[:, 1] <= y_last)).tolist()
         if met:
             points = [starts[group], middles[group], starts[group + 1]]

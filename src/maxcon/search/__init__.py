@@ -4,15 +4,13 @@
 
 from maxcon.search import reference
 from maxcon.search.accumulator import Multiplicity, SearchMethod, Weighting, level_of
-from maxcon.search.branch_and_bound import Limits, branch_and_bound
+from maxcon.search.branch_and_bound import branch_and_bound
 from maxcon.search.exhaustive import accumulators, exhaustive, highest_of
 from maxcon.search.reference import consensus_set
-from maxcon.search.scored_cells import Found, Incumbent
+from maxcon.search.scored_cells import Found
 
 __all__ = [
     "Found",
-    "Incumbent",
-    "Limits",
     "Multiplicity",
     "SearchMethod",
     "Weighting",

@@ -25,7 +25,7 @@ from maxcon._system.kernel_cache import njit
 from maxcon.map.layout import PATCH_VOXELS
 from maxcon.map.lookup_kernels import HELD, N_HELD, n_bits
 from maxcon.search.accumulator import CONTRIBUTION_STEP, ROUNDER
-from maxcon.search.group_kernels import turn_normals, turn_to_columns
+from maxcon.search.visit_kernels import turn_normals, turn_to_columns
 
 # Points that are looked up at a time: intermediate results of so many fit into the L1 cache.
 CAPACITY = 1024
@@ -43,7 +43,7 @@ BIT_BITS = 6
 def points_at_heading(points, normals, turn, place, cell, without_normal):
     """Turn a scan: voxels (n,) uint64, x + y * 2^32, and normals (n, 4) float32 of its points.
 
-    points, normals, turn, place, cell : as `group_kernels.turn_to_columns` and `turn_normals` take them, of one
+    points, normals, turn, place, cell : as `visit_kernels.turn_to_columns` and `turn_normals` take them, of one
     heading; without_normal : weight of a match whose point has no normal. The last of the four is what is added to the
     weight of the normal: that, or 0.
     """

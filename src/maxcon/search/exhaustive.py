@@ -23,7 +23,7 @@ from maxcon.search.accumulator import (
 )
 from maxcon.search.objectives import Objective
 from maxcon.search.prepared_scan import PreparedScan
-from maxcon.search.space import SearchSpace, Window
+from maxcon.search.space import SearchSpace
 
 
 def exhaustive(
@@ -70,7 +70,7 @@ def exhaustive(
     check_threads(n_threads)
     check_all_fit(space)
     prepared = PreparedScan.prepare(scan, point_map, prior, space, multiplicity, weighting)
-    moments = prepared.moments_of_window(np.arange(len(space.headings)), Window.of(space), n_threads)
+    moments = prepared.moments_of_headings(np.arange(len(space.headings)), n_threads)
     return Accumulator(moments, space, prior)
 
 

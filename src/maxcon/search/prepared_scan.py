@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 """PreparedScan: a scan and the tiles of the map around it, prepared once for a search.
 
-It answers three questions: the moments of all cells of a window, the moments of single cells, and the most that the
-matches of each cell of a window can add up to along an axis.
+It answers three questions: the moments of all cells of some headings, the moments of single cells, and the most that
+the matches of each cell of some headings can add up to along an axis.
 """
 
 import math
@@ -11,18 +11,25 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.geometry import Pose, rotation_matrices, voxel_indices
+from maxcon.geometry import Pose, voxel_indices
 from maxcon.map import PointMap, TileKey, VoxelTile
 from maxcon.map.tile import VoxelTable
 from maxcon.scan import Scan
-from maxcon.search.accumulator import Multiplicity, Weighting
+from maxcon.search.accumulator import Multiplicity, Weighting, upright
 from maxcon.search.objectives import Moments
-from maxcon.search.space import SearchSpace, Window
+from maxcon.search.space import SearchSpace
+
+SQUARE_BITS = 4
+"""Points of one height layer in a square of 2^4 x 2^4 voxels are a group: they visit the map together."""
+
+# Bits that the y and x of a square, and a layer, take of the number by which points are sorted: 63 in all.
+KEY_BITS = 18
 
 # Headings whose cells are summed in one pass over the map share what is read of it; the sums of a pass take 32 MiB at
 # most, unless those of one heading alone take more.
@@ -39,9 +46,10 @@ Headings = NDArray[np.int64]
 class PreparedScan:
     """An upright scan in groups of neighbouring points, and the tiles that it can fall in at any cell of a space.
 
-    Points of one height layer in one square of SQUARE_VOXELS voxels, at the prior's heading, are a group.
-    Those with a normal come first in it, those in one voxel follow each other; neighbouring groups read the
-    same voxels. With weights of one normals are dropped here: all points take `without_normal`.
+    Points of one height layer in one square of voxels, at the prior's heading, are a group: at any cell they fall in
+    nearly the same voxels of the map, so that these are read once for all of them. Those with a normal come first in
+    it, those in one voxel follow each other; neighbouring groups lie in neighbouring squares. With weights of one
+    normals are dropped here: all points take `without_normal`.
 
     point_map: the map.
     prior: T_map_sensor before localization, local frame of the map.
@@ -49,12 +57,11 @@ class PreparedScan:
     points: shape (2, n); x and y of each point of the upright scan, from the sensor, m.
     normals: shape (3, n); normals of the points of the upright scan, not turned by any heading.
     starts, middles: shape (groups + 1,) and (groups,); first point of each group, and its first without a normal.
-    ranks: shape (groups,); rank of each group's height layer among the layers of the scan.
-    tiles: tiles by their slot in the grid, with the layer each rank has in the tile (-1 for none).
+    layers: shape (groups,); height layer of each group, its z voxel index.
+    tiles: tiles by their slot in the grid.
     corner, shape: key (x, y) of the first tile of the grid that covers the tiles, and its size (ny, nx).
-    edge: voxels along an edge of a tile.
     cell: voxel edge of the map, m: that of the space may differ from it by rounding.
-    is_once, is_signed: whether a voxel counts once, and whether the map's normals have a side.
+    is_once: whether a voxel counts once.
     without_normal: weight of the matches of points without a normal.
     spread: shape (3,); sums of nx nx, nx ny and ny ny over all normals of the upright scan, not turned by any heading:
         from them follows which axis is probably determined least, before anything is scored.
@@ -67,14 +74,12 @@ class PreparedScan:
     normals: NDArray[np.float64]
     starts: NDArray[np.int64]
     middles: NDArray[np.int64]
-    ranks: NDArray[np.int64]
-    tiles: dict[int, tuple[VoxelTile, NDArray[np.int64]]]
+    layers: NDArray[np.int64]
+    tiles: dict[int, VoxelTile]
     corner: TileKey
     shape: tuple[int, int]
-    edge: int
     cell: float
     is_once: bool
-    is_signed: bool
     without_normal: float
     spread: NDArray[np.float64]
     _at_heading: dict[int, tuple[NDArray[np.uint64], NDArray[np.float32]]] = field(
@@ -92,35 +97,41 @@ class PreparedScan:
         weighting: Weighting,
     ) -> "PreparedScan":
         """Set a scan upright, sort its points into groups and find the tiles in reach."""
-        from maxcon.search import group_kernels
+        from maxcon.search import visit_kernels
 
-        cell, rotation = point_map.cell, rotation_matrices(prior.roll, prior.pitch, 0.0)
-        turn = np.array([[np.cos(prior.heading), np.sin(prior.heading)]])
-        groups = group_kernels.group_scan(
-            scan.points, scan.normals, np.ascontiguousarray(rotation), prior.z, weighting is not Weighting.ONE, turn,
-            (prior.x, prior.y), cell,
-        )  # fmt: skip
-        farthest = float(groups.radii.max(initial=0.0)) + space.reach + cell
-        voxel_indices(groups.extent, cell)
+        cell, aligned = point_map.cell, upright(scan, prior)
+        heights = voxel_indices(aligned.points, cell)[:, 2]
+        points, normals = (np.ascontiguousarray(each.T) for each in (aligned.points[:, :2], aligned.normals))
+        spread = np.array([normals[0] @ normals[0], normals[0] @ normals[1], normals[1] @ normals[1]])
+        if weighting is Weighting.ONE:
+            normals = np.zeros_like(normals)
+        distances = np.hypot(*points)
+        farthest = float(distances.max(initial=0.0)) + space.reach + cell
         voxel_indices(prior.position + [[-farthest, -farthest, 0.0], [farthest, farthest, 0.0]], cell)
 
+        turn = np.array([[np.cos(prior.heading), np.sin(prior.heading)]])
+        columns = visit_kernels.turn_to_columns(points, turn, (prior.x, prior.y), cell)[0]
+        order, starts, middles = _groups(columns, heights, (normals == 0.0).all(axis=0))
+        firsts, columns = starts[:-1], columns[:, order]
         # How far a group can come to lie from its box at the prior, and which tiles it meets then.
-        reaches = groups.radii * float(np.abs(space.headings).max()) + (space.reach + cell)
-        around = float((groups.radii + reaches).max(initial=0.0)) + 2.0 * cell  # a box sticks out by a cell
-        keys = np.array(point_map.keys_within(prior.x, prior.y, around), dtype=np.int64).reshape(-1, 2)
-        tile_edge = point_map.tile_voxels * cell
-        keys = keys[group_kernels.meets_tiles(groups.boxes, reaches, cell, tile_edge, keys)]
-        corner = keys.min(axis=0, initial=2**31)
-        nx, ny = keys.max(axis=0, initial=-(2**31)) - corner + 1 if len(keys) else (0, 0)
-        tiles = {}
-        for x, y in keys.tolist():
-            tile = point_map.tile((x, y))
-            layers = group_kernels.number_layers(tile.index.layers, groups.layers)
-            tiles[int((y - corner[1]) * nx + x - corner[0])] = tile, layers
+        radii = np.maximum.reduceat(distances[order], firsts)
+        reaches = radii * float(np.abs(space.headings).max()) + (space.reach + cell)
+        around = float((radii + reaches).max(initial=0.0)) + 2.0 * cell  # a box sticks out by a cell
+        edge = point_map.tile_voxels * cell
+        low = np.floor((np.minimum.reduceat(columns, firsts, axis=1) * cell - reaches) / edge)
+        high = np.floor(((np.maximum.reduceat(columns, firsts, axis=1) + 1) * cell + reaches) / edge)
+        keys = [
+            (x, y)
+            for x, y in point_map.keys_within(prior.x, prior.y, around)
+            if ((low[0] <= x) & (x <= high[0]) & (low[1] <= y) & (y <= high[1])).any()
+        ]
+        corner = min((x for x, _ in keys), default=0), min((y for _, y in keys), default=0)
+        nx, ny = (1 + max((key[axis] - corner[axis] for key in keys), default=-1) for axis in (0, 1))
+        tiles = {(y - corner[1]) * nx + x - corner[0]: point_map.tile((x, y)) for x, y in keys}
         return cls(
-            point_map, prior, space, groups.points, groups.normals, groups.starts, groups.middles, groups.ranks, tiles,
-            (int(corner[0]), int(corner[1])), (int(ny), int(nx)), point_map.tile_voxels, cell,
-            multiplicity is Multiplicity.OCCUPIED, point_map.is_signed, weighting.without_normal, groups.spread,
+            point_map, prior, space, np.take(points, order, axis=1), np.take(normals, order, axis=1), starts, middles,
+            heights[order][firsts].astype(np.int64), tiles, corner, (ny, nx), cell,
+            multiplicity is Multiplicity.OCCUPIED, weighting.without_normal, spread,
         )  # fmt: skip
 
     @property
@@ -146,20 +157,20 @@ class PreparedScan:
             normals=self.normals.compress(adds, axis=1),
             starts=starts,
             middles=starts[1:],
-            ranks=self.ranks[sizes > 0],
+            layers=self.layers[sizes > 0],
         )
 
-    def moments_of_window(self, headings: Headings, window: Window, n_threads: int = 1) -> NDArray[np.float64]:
-        """Moments of all cells of a window at some headings, shape (h, ny, nx, 4)."""
-        moments = np.empty((len(headings), *window.shape, 4))
-        most = min(PASS_HEADINGS, max(1, PASS_CELLS // math.prod(window.shape)))
+    def moments_of_headings(self, headings: Headings, n_threads: int = 1) -> NDArray[np.float64]:
+        """Moments of all cells at some headings, shape (h, ny, nx, 4)."""
+        _, ny, nx = self.space.shape
+        moments = np.empty((len(headings), ny, nx, 4))
+        most = min(PASS_HEADINGS, max(1, PASS_CELLS // (ny * nx)))
         n_rounds = -(-len(headings) // (most * n_threads))
-        parts = np.array_split(np.arange(len(headings)), min(len(headings), n_rounds * n_threads))
 
-        def sum_up(part: NDArray[np.int64]) -> None:
-            self._sum_moments(headings[part], window, moments[part[0] : part[-1] + 1])
+        def sum_up(part: slice) -> None:
+            self._sum_moments(headings[part], moments[part])
 
-        _in_threads(sum_up, parts, n_threads)
+        _in_threads(sum_up, len(headings), n_rounds * n_threads, n_threads)
         return moments
 
     def moments_of_cells(self, heading: int, cells: NDArray[np.int64]) -> Moments:
@@ -173,32 +184,28 @@ class PreparedScan:
             )  # fmt: skip
             if len(self._at_heading) > MOST_HEADINGS_KEPT:
                 del self._at_heading[next(iter(self._at_heading))]
-        voxels, normals = self._at_heading[heading]
         _, ny, nx = self.space.shape
         offsets = np.column_stack([cells[:, 2] - nx // 2, cells[:, 1] - ny // 2])
         moments = np.zeros((len(cells), 4))
         cell_kernels.moments_of_cells(
-            offsets, voxels, normals, self._layers, self._layers_of_tiles, self.edge.bit_length() - 1, self._table,
-            self.is_once, self.is_signed, moments,
+            offsets, *self._at_heading[heading], *self._layers_of_tiles, self._edge_bits, self._table, self.is_once,
+            self.point_map.is_signed, moments,
         )  # fmt: skip
         return moments
 
     def largest_sums(
         self,
         headings: Headings,
-        window: Window,
-        weighed_normals: NDArray[np.float32],
+        weight: float | None,
         axis: tuple[np.float32, np.float32],
         least: float,
         unit: float,
         n_threads: int = 1,
     ) -> NDArray[np.signedinteger]:
-        """Upper limits of the sums over the matches of each cell of a window, in whole units, shape (h, ny, nx).
+        """Upper limits of the sums over the matches of each cell at some headings, in whole units, shape (h, ny, nx).
 
         headings: shape (h,); numbers of the headings.
-        window: the cells.
-        weighed_normals: shape (n, 4), float32; normal of each point, zeros for none, and what is added to the weight of
-            its matches.
+        weight: of all matches; None for that of their normals.
         axis: a match adds its weight times (n . u)^2 along this unit vector u; or its weight, where that is zeros.
         least: voxels whose (n . u)^2, times how often the voxel counts, is no more than this are left out: the sums
             lack what they add.
@@ -208,38 +215,41 @@ class PreparedScan:
         from maxcon.search import window_kernels
         from maxcon.search.visit_kernels import RIM
 
-        turns = self._turns(headings)
-        columns, visits = self._turned(turns)
-        height, width = (n_cells + 2 * RIM for n_cells in window.shape)
-        sums = np.zeros((len(headings), height, width), np.int32 if self.is_once else np.int64)
-        bases = window_kernels.bases_of_points(columns, width, height * width)
+        _, ny, nx = self.space.shape
+        width = nx + 2 * RIM
+        sums = np.zeros((len(headings), ny + 2 * RIM, width), np.int32 if self.is_once else np.int64)
 
-        def vote(part: NDArray[np.int64]) -> None:
-            for stops, runs, voxels in self._stops(visits, window):
+        normals = np.ascontiguousarray(self.normals.T, dtype=np.float32)
+
+        def sum_up(part: slice) -> None:
+            turns = self._turns(headings[part])
+            columns = self._columns(turns)
+            bases = window_kernels.bases_of_points(columns, width, sums[0].size)
+            for stops, runs, voxels in self._stops(columns):
                 window_kernels.sum_tile(
-                    stops, runs, voxels, bases, weighed_normals, turns.astype(np.float32),
-                    (int(part[0]), int(part[-1]) + 1), axis, tuple(window), width, self.is_signed,
-                    np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),
+                    stops, runs, voxels, bases, normals, turns.astype(np.float32),
+                    self.without_normal if weight is None else weight, weight is not None, self.point_map.is_signed,
+                    axis, self._window, width, np.float32(least), np.float32(1.0 / unit), sums[part].reshape(-1),
                 )  # fmt: skip
 
-        _in_threads(vote, np.array_split(np.arange(len(headings)), min(n_threads, len(headings))), n_threads)
+        _in_threads(sum_up, len(headings), n_threads, n_threads)
         return sums[:, RIM:-RIM, RIM:-RIM]
 
-    def _sum_moments(self, headings: Headings, window: Window, moments: NDArray[np.float64]) -> None:
-        """Write the moments of a window at a few headings in one pass over the map, shape (h, ny, nx, 4)."""
-        from maxcon.search import group_kernels, window_kernels
+    def _sum_moments(self, headings: Headings, moments: NDArray[np.float64]) -> None:
+        """Write the moments at a few headings in one pass over the map, shape (h, ny, nx, 4)."""
+        from maxcon.search import visit_kernels, window_kernels
         from maxcon.search.visit_kernels import RIM
 
-        turns, (ny, nx) = self._turns(headings), window.shape
-        columns, visits = self._turned(turns)
-        normals = group_kernels.turn_normals(self.normals, turns)
+        _, ny, nx = self.space.shape
+        turns = self._turns(headings)
+        columns, normals = self._columns(turns), visit_kernels.turn_normals(self.normals, turns)
         width = nx + 2 * RIM
         width += (2 - width) % 4  # an odd number of cache lines: a cell and the one above share no cache set
         sums = _aligned_zeros((len(headings), ny + 2 * RIM, width, 4))
-        for stops, runs, voxels in self._stops(visits, window):
+        for stops, runs, voxels in self._stops(columns):
             window_kernels.accumulate_tile(
-                stops, runs, voxels, columns, normals, tuple(window), width, self.without_normal, self.is_signed,
-                sums.reshape(len(headings), -1),
+                stops, runs, voxels, columns, normals, self._window, width, self.without_normal,
+                self.point_map.is_signed, sums.reshape(len(headings), -1),
             )  # fmt: skip
         moments[...] = sums[:, RIM : RIM + ny, RIM : RIM + nx]
 
@@ -248,54 +258,91 @@ class PreparedScan:
         azimuths = self.prior.heading + self.space.headings[headings]
         return np.array([(np.cos(azimuth), np.sin(azimuth)) for azimuth in azimuths])
 
-    def _turned(self, turns: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-        """Voxel (x, y) of each point at h headings, shape (h, 2, n), and the visits of the groups (`plan_visits`)."""
-        from maxcon.search import group_kernels, visit_kernels
-
-        columns = group_kernels.turn_to_columns(self.points, turns, (self.prior.x, self.prior.y), self.cell)
-        return columns, visit_kernels.plan_visits(self.starts, columns)
-
-    def _stops(
-        self, visits: NDArray[np.int64], window: Window
-    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[Any, ...]]]:
-        """Yield stops and runs in each tile at the offsets of a window (`visit_kernels`), and the `TileVoxels`."""
+    def _columns(self, turns: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Voxel (x, y) of each point at h headings, shape (h, 2, n)."""
         from maxcon.search import visit_kernels
 
+        place = self.prior.x, self.prior.y
+        columns: NDArray[np.int32] = visit_kernels.turn_to_columns(self.points, turns, place, self.cell)
+        return columns
+
+    def _stops(
+        self, columns: NDArray[np.int32]
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[Any, ...]]]:
+        """Yield stops and runs in each tile at the cells of some headings (`visit_kernels`), and the `TileVoxels`."""
+        from maxcon.search import visit_kernels
+
+        visits = visit_kernels.plan_visits(self.starts, columns)
         firsts, numbers, rectangles = visit_kernels.visits_of_tiles(
-            visits, tuple(window), self.edge.bit_length() - 1, self.corner, self.shape
+            visits, self._window, self._edge_bits, self.corner, self.shape
         )
-        for slot, (tile, layers) in self.tiles.items():
+        for slot, tile in self.tiles.items():
             mine = slice(firsts[slot], firsts[slot + 1])
             stops, runs = visit_kernels.stops_in_tile(
-                visits, numbers[mine], rectangles[mine], self.starts, self.middles, self.ranks, layers,
+                visits, numbers[mine], rectangles[mine], self.starts, self.middles, self.layers,
+                int(tile.index.layers[0]) if len(tile.index.layers) else 0, tile.layer_numbers,
                 tile.index.patch_starts, tile.n_patches,
             )  # fmt: skip
             counts = tile.counts[:0] if self.is_once else tile.counts
             yield stops, runs, (tile.corner, tile.columns, tile.normals, counts)
 
     @cached_property
+    def _window(self) -> tuple[int, int, int, int]:
+        """First and last offset of a cell in x and in y, in voxels, both included."""
+        _, ny, nx = self.space.shape
+        return -(nx // 2), nx - 1 - nx // 2, -(ny // 2), ny - 1 - ny // 2
+
+    @property
+    def _edge_bits(self) -> int:
+        """A tile has 2^edge_bits voxels along an edge."""
+        return self.point_map.tile_voxels.bit_length() - 1
+
+    @cached_property
     def _table(self) -> VoxelTable:
         """The tiles, as single points are looked up in them."""
-        return self.point_map.table_of(tile.key for tile, _ in self.tiles.values())
+        return self.point_map.table_of(tile.key for tile in self.tiles.values())
 
     @cached_property
-    def _layers_of_tiles(self) -> NDArray[np.int32]:
-        """Layer of each row of the table that each layer of the scan has, one too high where it has none."""
-        (rows, grid, corner), n_layers = self._table[:3], int(self.ranks.max(initial=0)) + 1
-        numbers = np.zeros((len(rows), n_layers), np.int32)
-        for tile, layers in self.tiles.values():
+    def _layers_of_tiles(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Number of each point's layer among those of the scan, (n,); and of these in each row of the table, (t, m).
+
+        One too high where a tile has none.
+        """
+        (rows, grid, corner), (layers, ranks) = self._table[:3], np.unique(self.layers, return_inverse=True)
+        numbers = np.zeros((len(rows), len(layers)), np.int32)
+        for tile in self.tiles.values():
+            own = tile.index.layers
             x, y = tile.key - corner
-            numbers[grid[y, x]] = np.where(layers < 0, len(tile.index.layers), layers)[:n_layers]
-        return numbers
-
-    @cached_property
-    def _layers(self) -> NDArray[np.int32]:
-        """Number of each point's height layer among those of the scan, shape (n,)."""
-        return np.repeat(self.ranks, np.diff(self.starts)).astype(np.int32)
+            numbers[grid[y, x]] = np.where(np.isin(layers, own), np.searchsorted(own, layers), len(own))
+        return np.repeat(ranks, np.diff(self.starts)).astype(np.int32), numbers
 
 
-def _in_threads(do: Callable[[NDArray[np.int64]], None], parts: list[NDArray[np.int64]], n_threads: int) -> None:
-    """Call a function with each part, at most so many of them at a time."""
+def _groups(
+    columns: NDArray[np.int32], layers: NDArray[np.int32], is_bare: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Sort points into groups of one square and layer; in a group those with a normal first, then by voxel.
+
+    columns: shape (2, n); layers, is_bare: shape (n,), bare is a point without a normal.
+    Returns the order (n,), and `starts` and `middles` as of `PreparedScan`.
+    """
+    inside = 2**SQUARE_BITS - 1
+    parts = np.stack([columns[1] >> SQUARE_BITS, columns[0] >> SQUARE_BITS, layers])
+    keys = np.zeros(columns.shape[1], np.int64)
+    for part in parts:  # places repeat after 2^18 squares or layers: a group in two parts is two groups
+        keys = keys << KEY_BITS | (part & (1 << KEY_BITS) - 1)
+    for part, bits in ((is_bare, 1), (columns[1] & inside, SQUARE_BITS), (columns[0] & inside, SQUARE_BITS)):
+        keys = keys << bits | part
+    order = np.argsort(keys)
+    parts = parts[:, order]
+    is_first = np.append(True, (parts[:, 1:] != parts[:, :-1]).any(axis=0))[: len(order)]
+    starts = np.append(np.flatnonzero(is_first), len(order))
+    return order, starts, starts[1:] - np.add.reduceat(is_bare[order].astype(np.int64), starts[:-1])
+
+
+def _in_threads(do: Callable[[slice], None], n: int, n_parts: int, n_threads: int) -> None:
+    """Call a function with each of the parts of n items, at most so many of them at a time."""
+    edges = np.linspace(0, n, min(n, n_parts) + 1).astype(int).tolist()
+    parts = [slice(*each) for each in pairwise(edges)]
     if n_threads == 1 or len(parts) == 1:
         for part in parts:
             do(part)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Search space: all cells that are tried, which pose each stands for (D3), and windows of them."""
+"""Search space: all cells that are tried, and which pose each stands for (D3)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +16,7 @@ from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.geometry.arrays import sigmas_of
 
-__all__ = ["PAPER_CELL", "PAPER_STEP_DEG", "Cell", "SearchSpace", "Window", "rounded_up"]
+__all__ = ["PAPER_CELL", "PAPER_STEP_DEG", "Cell", "SearchSpace", "rounded_up"]
 
 PAPER_CELL, PAPER_STEP_DEG = 0.06, 0.5
 """The paper's cell edge, m, and its step between headings, degrees: also the default where nothing else chose one."""
@@ -272,44 +271,6 @@ class SearchSpace:
         """Whether a heading, by number, is the first or the last of several."""
         n_headings = self.shape[0]
         return n_headings > 1 and heading in (0, n_headings - 1)
-
-
-class Window(NamedTuple):
-    """A rectangle of cells, the same at all headings: first and last offset in x and y, in voxels, both included."""
-
-    x_first: int
-    x_last: int
-    y_first: int
-    y_last: int
-
-    @classmethod
-    def of(cls, space: SearchSpace) -> Window:
-        """All offsets of a space."""
-        _, ny, nx = space.shape
-        return cls(-(nx // 2), nx - 1 - nx // 2, -(ny // 2), ny - 1 - ny // 2)
-
-    @classmethod
-    def around(cls, cells: NDArray[np.int64], space: SearchSpace) -> Window:
-        """Return the smallest window that holds some cells (n, 3) of a space."""
-        _, ny, nx = space.shape
-        (y_first, x_first), (y_last, x_last) = cells[:, 1:].min(axis=0).tolist(), cells[:, 1:].max(axis=0).tolist()
-        return cls(x_first - nx // 2, x_last - nx // 2, y_first - ny // 2, y_last - ny // 2)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Number of cells along each axis, (ny, nx)."""
-        return self.y_last - self.y_first + 1, self.x_last - self.x_first + 1
-
-    def first_cell(self, space: SearchSpace) -> tuple[int, int]:
-        """Index (y, x) of its first cell in a space."""
-        _, ny, nx = space.shape
-        return self.y_first + ny // 2, self.x_first + nx // 2
-
-    def bands(self, most_cells: int) -> Iterator[Window]:
-        """Yield bands of whole rows that make up this window, in order, each of at most `most_cells` or of one row."""
-        n_rows = max(1, most_cells // self.shape[1])
-        for y_first in range(self.y_first, self.y_last + 1, n_rows):
-            yield self._replace(y_first=y_first, y_last=min(y_first + n_rows - 1, self.y_last))
 
 
 def rounded_up(reach: float, step: float | None, largest: float | None = None, margin: float = 0.0) -> float:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: which groups of scan points can match which voxels of a tile, and at which headings.
+"""Compiled: scans turned by headings; which groups of points can match which voxels of a tile, and at which headings.
 
 At the offsets of a window, the points of a group can match the voxels in their own box (x first to x last, y first to
 y last voxel), grown by the window. From one heading to the next the box hardly moves, so that a group at several
@@ -10,8 +10,7 @@ Visits (`plan_visits`): a group at a run of headings. Columns: group, first head
     new visit begins where the box would become wider than RIM.
 Visits of each tile (`visits_of_tiles`): those of tile t are numbers[starts[t] : starts[t + 1]], and `rectangles` has
     the part of the tile that each can reach, in voxels from the tile's corner.
-Stops in one tile (`stops_in_tile`): its visits that can reach any voxel there. Columns: points (first, first without a
-    normal, end), headings (first, end), rectangle, runs (first, end).
+Stops in one tile (`stops_in_tile`): its visits that can reach any voxel there.
 
 A run (first, end) is a row of neighbouring patches. A tile keeps its voxels layer by layer, in a layer patch by patch,
 row by row: so the patches of a rectangle in one row are one piece of memory. The two kernels of `window_kernels`
@@ -34,6 +33,11 @@ PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 # Columns of visits: a group of points, the headings of the visit (the last one is not among them), its box of voxels.
 GROUP, HEADING, END_HEADING, X_FIRST, X_LAST, Y_FIRST, Y_LAST = range(7)
 
+# Columns of stops: points (first, first without a normal, end), headings (first, end), rectangle, runs (first, end).
+STOP_COLUMNS = (
+    "first", "middle", "end", "since", "until", "x_first", "x_last", "y_first", "y_last", "first_run", "end_run",
+)  # fmt: skip
+
 
 class TileVoxels(NamedTuple):
     """The voxels of a tile in the order of the search, see `VoxelTile`.
@@ -49,6 +53,36 @@ class TileVoxels(NamedTuple):
     columns: Any
     normals: Any
     counts: Any
+
+
+@njit(nogil=True, cache=True)
+def turn_to_columns(points, turns, place, cell):
+    """Turn an upright scan about the sensor, by each of some headings: voxel columns in the map's axes.
+
+    points : (2, n) float64; turns : (headings, 2) float64, cosine and sine; place : (x, y) of the sensor, m;
+    cell : voxel edge, m. Returns (headings, 2, n) int32.
+    """
+    columns = np.empty((turns.shape[0], 2, points.shape[1]), np.int32)
+    for heading in range(turns.shape[0]):
+        cosine, sine = turns[heading, 0], turns[heading, 1]
+        for i in range(points.shape[1]):
+            x, y = points[0, i], points[1, i]
+            columns[heading, 0, i] = np.int32(np.floor((x * cosine - y * sine + place[0]) / cell))
+            columns[heading, 1, i] = np.int32(np.floor((x * sine + y * cosine + place[1]) / cell))
+    return columns
+
+
+@njit(nogil=True, cache=True)
+def turn_normals(normals, turns):
+    """Turn normals, (3, n) float64, by each of some headings, as above: (headings, 3, n) float32."""
+    turned = np.empty((turns.shape[0], 3, normals.shape[1]), np.float32)
+    for heading in range(turns.shape[0]):
+        cosine, sine = turns[heading, 0], turns[heading, 1]
+        for i in range(normals.shape[1]):
+            turned[heading, 0, i] = normals[0, i] * cosine - normals[1, i] * sine
+            turned[heading, 1, i] = normals[0, i] * sine + normals[1, i] * cosine
+            turned[heading, 2, i] = normals[2, i]
+    return turned
 
 
 @njit(nogil=True, cache=True)
@@ -155,16 +189,18 @@ def visits_of_tiles(visits, window, edge_bits, corner, shape):
 
 
 @njit(nogil=True, cache=True)
-def stops_in_tile(visits, numbers, rectangles, starts, middles, ranks, layers, patch_starts, n_patches):
+def stops_in_tile(
+    visits, numbers, rectangles, starts, middles, layers, lowest, layer_numbers, patch_starts, n_patches
+):  # fmt: skip
     """Where in a tile its visits look for voxels.
 
-    visits : as planned; numbers, rectangles : those that meet the tile, see `visits_of_tiles`; starts, middles, ranks :
-    of the groups, see `PreparedScan`; layers : for each height layer of the scan its number in the tile, -1 for none;
-    patch_starts : first voxel of each patch of the tile, see `TileIndex`; n_patches : patches along its edge.
-    Returns stops, (k, 11) int64: first point, first point without a normal and end of the points; first heading and end
-    of the headings; x first, x last, y first, y last voxel; first and end of the runs; and runs, (m, 2) int64: first
-    and end of voxels that follow each other in the tile. The runs of a stop hold all voxels of its rectangle, and some
-    beside. A visit that meets no voxels makes no stop.
+    visits : as planned; numbers, rectangles : those that meet the tile, see `visits_of_tiles`; starts, middles,
+    layers : of the groups, see `PreparedScan`; lowest : z index of the tile's lowest layer; layer_numbers : of its
+    layers from there on, -1 where there is none; patch_starts : first voxel of each patch of the tile, see `TileIndex`;
+    n_patches : patches along its edge.
+    Returns stops, (k, 11) int64, see STOP_COLUMNS; and runs, (m, 2) int64: first and end of voxels that follow each
+    other in the tile. The runs of a stop hold all voxels of its rectangle, and some beside. A visit that meets no
+    voxels makes no stop.
     """
     n_rows = 0
     for at in range(numbers.shape[0]):
@@ -177,9 +213,10 @@ def stops_in_tile(visits, numbers, rectangles, starts, middles, ranks, layers, p
             visits[numbers[at], HEADING],
             visits[numbers[at], END_HEADING],
         )
-        layer, first_run = layers[ranks[group]], n_runs
-        if layer < 0:
+        height, first_run = layers[group] - lowest, n_runs
+        if not 0 <= height < layer_numbers.shape[0] or layer_numbers[height] < 0:
             continue
+        layer = layer_numbers[height]
         x_first, x_last, y_first, y_last = rectangles[at]
         for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):
             row = (layer * n_patches + py) * n_patches

@@ -162,26 +162,23 @@ def _add(n, cells, times, added, base, n_alike, sums):
 
 @njit(nogil=True, cache=True)
 def sum_tile(
-    stops, runs, tile, bases, normals, turns, within, axis, window, stride, is_signed, least, scale, sums
+    stops, runs, tile, bases, normals, turns, weight, are_alike, is_signed, axis, window, stride, least, scale, sums
 ):  # fmt: skip
     """Add the most that all matches of some scan points with one tile can add to the sums of their cells.
 
-    stops, runs : see `stops_in_tile`; tile : fields of `TileVoxels`; bases : (n, headings), see `bases_of_points`;
-    normals : (n, 4) float32, normal at heading 0, or zeros for none, and what is added to the weight; turns :
-    (headings, 2) float32, cosine and sine; within : first and end of the headings to look at.
-    axis : (x, y) float32, unit, or zeros to count; window : (x first, x last, y first, y last) offset; stride : cells
-    from one row of the sums to the next; least : voxels that add no more are left out; scale : float32, units of the
-    sums in one; sums : (headings * rows * stride,) int32 or int64.
+    stops, runs, tile, window, stride, is_signed : as of `accumulate_tile`; bases : (n, headings), see
+    `bases_of_points`; normals : (n, 3) float32, of the points, not turned; turns : (headings, 2) float32, cosine and
+    sine; weight : of a match whose scan point has no normal, or of all where `are_alike`; axis : (x, y) float32, unit,
+    or zeros to count; least : voxels that add no more are left out; scale : float32, units of the sums in one; sums :
+    (headings * rows * stride,) int32 or int64.
     """
     voxels, stride = TileVoxels(*tile), np.int32(stride)
     origin = (RIM + voxels.corner[1] - window[2]) * np.int64(stride) + RIM + voxels.corner[0] - window[0]
-    back = np.float32(0.0 if is_signed else -1.0)
+    back, weight = np.float32(0.0 if is_signed else -1.0), np.float32(weight)
     cells, rows, added = np.empty(CAPACITY, np.int32), np.empty((4, CAPACITY), np.float32), np.empty(CAPACITY, np.int32)
     for at in range(stops.shape[0]):
-        first, _, end, since, until, x_first, x_last, y_first, y_last, run, end_run = stops[at]
-        headings = (max(since, within[0]), min(until, within[1]))
-        if headings[0] >= headings[1]:
-            continue
+        first, middle, end, since, until, x_first, x_last, y_first, y_last, run, end_run = stops[at]
+        middle = first if are_alike else middle
         low = (np.int32(x_first), np.int32(y_first))
         span = (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
         n, k = np.uint64(0), runs[run, 0]
@@ -192,10 +189,17 @@ def sum_tile(
             if n == CAPACITY or (run == end_run and n > 0):
                 n_padded = _pad(np.int64(n), cells, rows)
                 n = np.uint64(0)
-                for i in range(first, end):
-                    for heading in range(headings[0], headings[1]):
+                for i in range(first, middle):
+                    for heading in range(since, until):
                         normal = _turned(normals, i, turns, heading)
-                        _vote(n_padded, cells, rows, normal, back, added, origin + bases[i, heading], sums)
+                        _weigh_along(n_padded, rows, normal, back, added)
+                        _vote(n_padded, cells, added, origin + bases[i, heading], sums)
+                if middle < end:
+                    for j in range(n_padded):
+                        added[j] = np.int32(rows[3, j] * weight + np.float32(2.0))
+                for i in range(middle, end):
+                    for heading in range(since, until):
+                        _vote(n_padded, cells, added, origin + bases[i, heading], sums)
 
 
 @njit(nogil=True, cache=True)
@@ -249,20 +253,25 @@ def _pad(n, cells, rows):
 
 @njit(nogil=True, cache=True)
 def _turned(normals, i, turns, heading):
-    """Normal of a point at a heading, and what is added to the weight."""
+    """Normal of a point at a heading."""
     nx, ny, cosine, sine = normals[i, 0], normals[i, 1], turns[heading, 0], turns[heading, 1]
-    return nx * cosine - ny * sine, nx * sine + ny * cosine, normals[i, 2], normals[i, 3]
+    return nx * cosine - ny * sine, nx * sine + ny * cosine, normals[i, 2]
 
 
 @njit(nogil=True, cache=True, fastmath={"contract"})
-def _vote(n, cells, rows, normal, back, added, base, sums):
-    """Let a scan point vote for the cells at which it meets n voxels: the sums grow by what their matches add at most.
+def _weigh_along(n, rows, normal, back, added):
+    """What the matches of a scan point of a normal with n voxels add at most, in whole units, (c,) int32.
 
-    That is rounded up to whole units: of the 2 added one rounds up, and one covers the errors of float32.
+    Of the 2 added one rounds up, and one covers the errors of float32.
     """
-    nx, ny, nz, without_normal = normal
+    nx, ny, nz = normal
     for j in range(n):
         cosine = rows[0, j] * nx + rows[1, j] * ny + rows[2, j] * nz
-        added[j] = np.int32(max(cosine, back * cosine) + rows[3, j] * without_normal + np.float32(2.0))
+        added[j] = np.int32(max(cosine, back * cosine) + np.float32(2.0))
+
+
+@njit(nogil=True, cache=True)
+def _vote(n, cells, added, base, sums):
+    """Let a scan point vote for the cells at which it meets n voxels."""
     for j in range(n):
         sums[np.uint64(base + cells[j])] += added[j]
