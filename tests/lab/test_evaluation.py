@@ -7,8 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from maxcon import Pose
 from maxcon.lab.evaluation import (
@@ -24,9 +22,7 @@ from maxcon.lab.evaluation import (
     clopper_pearson,
     least_to_prove,
     pose_error,
-    summarize,
     upper_bound,
-    wilson_interval,
 )
 
 # --- errors -----------------------------------------------------------------------------------------------------
@@ -89,25 +85,6 @@ def test_quantiles_are_of_absolute_errors():
 def test_quantiles_of_nothing_or_of_nan_are_nan():
     for errors in ([], [0.1, math.nan, 0.2]):
         assert all(math.isnan(value) for value in dataclasses.astuple(Quantiles.of(errors)))
-    accuracy = summarize([None, None])
-    assert (accuracy.n_epochs, accuracy.n_success) == (2, 0)
-    assert math.isnan(accuracy.distance.median) and math.isnan(accuracy.heading.worst)
-
-
-def test_summary():
-    errors = [
-        PoseError(0.06, -0.08, math.radians(-0.5)),
-        None,
-        PoseError(-0.2, 0.0, math.radians(0.25)),
-        PoseError(0.0, 0.6, 0.0),
-        PoseError(0.03, 0.04, math.radians(-2.0)),
-    ]
-    accuracy = summarize(errors)
-    assert (accuracy.n_epochs, accuracy.n_success) == (5, 2)
-    assert (accuracy.distance.median, accuracy.distance.worst) == pytest.approx((0.15, 0.6))
-    assert (accuracy.along.median, accuracy.along.worst) == pytest.approx((0.045, 0.2))  # of 0, 0.03, 0.06 and 0.2
-    assert accuracy.across.p95 == pytest.approx(0.08 + 0.85 * 0.52)  # of 0, 0.04, 0.08 and 0.6: rank 2.85 of 0 to 3
-    assert accuracy.heading.median == pytest.approx(math.radians(0.375))
 
 
 # --- what samples prove -----------------------------------------------------------------------------------------
@@ -144,14 +121,6 @@ def test_a_small_rate_takes_many_epochs(rate, expected):
     assert upper_bound(0, expected) <= rate < upper_bound(0, expected - 1)
 
 
-@given(st.integers(1, 4000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_wilson_interval_solves_its_equation(case):
-    k, n = case
-    for end in np.concatenate(wilson_interval([k], [n])):
-        # The ends are where the observed rate is z standard deviations off: (p - x)^2 = z^2 x (1 - x) / n.
-        assert (k / n - end) ** 2 == pytest.approx(1.959963984540054**2 * end * (1 - end) / n, abs=1e-12)
-
-
 # --- errors in sigmas -------------------------------------------------------------------------------------------
 
 
@@ -182,7 +151,6 @@ def test_no_epoch_says_nothing():
     assert found.intervals == ((0.0, 1.0),) * 3
     assert np.isnan(MeanSquare.of([np.nan]).mean)
     assert clopper_pearson(0, 0) == (0.0, 1.0) and upper_bound(0, 0) == 1.0
-    assert np.isnan(wilson_interval([0], [0])).all()
     counts = ProtectionCounts.of([], [])
     assert (counts.n_used, counts.exceeded_bound) == (0, 1.0)
     curve = RiskCoverage.of([False], [False], [False], [np.nan])
@@ -210,7 +178,6 @@ def test_each_epoch_lies_in_one_region():
     assert (found.n_used, found.n_unavailable, found.n_exceeded) == (4, 4, 2)
     assert ALERT_LIMIT == 0.29
     assert found.exceeded_bound == upper_bound(2, 4)
-    assert found.hazardous_bound == upper_bound(1, 4)
 
 
 def test_an_epoch_is_as_bad_as_its_worst_direction():

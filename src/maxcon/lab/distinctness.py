@@ -86,6 +86,8 @@ def significant_ray(
     Returns distances from the cell, a cell edge apart, as far as the search space goes, shape (k,), m, positive towards
     +x, or towards +y where the line is the y axis; and the scores there, interpolated bilinearly, shape (k,).
     """
+    from scipy.ndimage import map_coordinates
+
     scores = _checked(scores, accumulator.space)
     heading, iy, ix = cell
     _, ny, nx = scores.shape
@@ -93,7 +95,8 @@ def significant_ray(
     steps = np.arange(-(nx + ny), nx + ny + 1)
     x, y = _snapped(ix + steps * x_step), _snapped(iy + steps * y_step)
     is_inside = (x >= 0.0) & (x <= nx - 1) & (y >= 0.0) & (y <= ny - 1)
-    return steps[is_inside] * accumulator.space.cell_edge, _interpolated(scores[heading], x[is_inside], y[is_inside])
+    along = map_coordinates(scores[heading], [y[is_inside], x[is_inside]], order=1)
+    return steps[is_inside] * accumulator.space.cell_edge, along
 
 
 def _checked(scores: Scores, space: SearchSpace) -> Scores:
@@ -122,18 +125,6 @@ def _snapped(places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Places, in cells, rounded to whole cells where only rounding errors keep them off."""
     nearest = np.rint(places)
     return np.where(np.abs(places - nearest) < ON_THE_GRID, nearest, places)
-
-
-def _interpolated(plane: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values of a plane, shape (ny, nx), interpolated bilinearly at places (x, y) inside it, in cells."""
-    ny, nx = plane.shape
-    x_low, y_low = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    x_high, y_high = np.minimum(x_low + 1, nx - 1), np.minimum(y_low + 1, ny - 1)
-    x_part, y_part = x - x_low, y - y_low
-    below = plane[y_low, x_low] * (1.0 - x_part) + plane[y_low, x_high] * x_part
-    above = plane[y_high, x_low] * (1.0 - x_part) + plane[y_high, x_high] * x_part
-    values: NDArray[np.float64] = below * (1.0 - y_part) + above * y_part
-    return values
 
 
 def _kurtosis(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> float:

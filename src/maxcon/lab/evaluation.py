@@ -3,7 +3,7 @@
 """How good answers are: errors, coverage of sigmas, protection levels, risk against coverage, what samples prove."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,34 +74,6 @@ class Quantiles:
         return cls(float(median), float(p95), float(p99), float(worst))
 
 
-@dataclass(frozen=True, slots=True)
-class Accuracy:
-    """Errors of a method over the epochs it localized: absolute, m, and rad for the heading.
-
-    n_epochs, n_success: all epochs, those without an answer too; of these, localized within 0.3 m and 1 degree.
-    """
-
-    n_epochs: int
-    n_success: int
-    distance: Quantiles
-    along: Quantiles
-    across: Quantiles
-    heading: Quantiles
-
-
-def summarize(errors: Sequence[PoseError | None]) -> Accuracy:
-    """Summarize the errors of all epochs, None for those that were not localized."""
-    known = [error for error in errors if error is not None]
-    return Accuracy(
-        n_epochs=len(errors),
-        n_success=sum(error.is_success for error in known),
-        distance=Quantiles.of(error.distance for error in known),
-        along=Quantiles.of(error.along for error in known),
-        across=Quantiles.of(error.across for error in known),
-        heading=Quantiles.of(error.heading for error in known),
-    )
-
-
 CONFIDENCE = 0.95
 
 
@@ -126,22 +98,6 @@ def upper_bound(n_found: int, n_epochs: int) -> float:
     not half of that.
     """
     return clopper_pearson(n_found, n_epochs, 2.0 * CONFIDENCE - 1.0)[1]
-
-
-def wilson_interval(n_successes: ArrayLike, n_trials: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lower and upper ends, 0 to 1, of Wilson's 95 % intervals of success rates (Wilson, 1927).
-
-    Successes and trials, shape (m,); NaN without trials. It is narrower than that of `clopper_pearson`: it holds the
-    true rate that often on average over the rates, not for each.
-    """
-    from scipy.stats import binomtest
-
-    ends = [
-        binomtest(int(k), int(n)).proportion_ci(CONFIDENCE, method="wilson") if n else (math.nan, math.nan)
-        for k, n in zip(np.atleast_1d(n_successes), np.atleast_1d(n_trials), strict=True)
-    ]
-    low, high = np.array(ends, dtype=np.float64).reshape(-1, 2).T
-    return low, high
 
 
 def least_to_prove(rate: float) -> int:
@@ -283,11 +239,6 @@ class ProtectionCounts:
     def exceeded_bound(self) -> float:
         """Upper limit, with 95 % confidence, of the rate of exceeded levels among used epochs, 0 to 1."""
         return upper_bound(self.n_exceeded, self.n_used)
-
-    @property
-    def hazardous_bound(self) -> float:
-        """Upper limit, with 95 % confidence, of the rate of hazardous epochs among used ones, 0 to 1."""
-        return upper_bound(self.n_hazardous, self.n_used)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

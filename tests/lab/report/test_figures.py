@@ -251,7 +251,7 @@ def test_errors_and_success_are_counted(tmp_path):
     found = {"Count": (array(0.1, 0.5, 1.2), array(0, 1, 0) > 0), "Helmert": (array(0.1, 0.2, 1.2), array(1, 1, 1) > 0)}
     written = told(tmp_path, lambda path: plot_success(path, found))
     assert {"Count: 33.3 %", "Helmert: 100.0 %"} <= set(written)
-    assert "Success: within 0.3 m and 1° of the reference. Bins of 0.5 m; bars: Wilson's 95 % intervals." in written
+    assert "Success: within 0.3 m and 1° of the reference. Bins of 0.5 m; bars: 95 % intervals." in written
     place = written.index("epochs")
     assert written[place - 3 : place] == ["1–2", "0–1", "1"]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maxcon.lab.charts import DASHES, METHOD_STYLES, draw_grid, draw_number_ticks, method_chart
 from maxcon.lab.distinctness import GUARD_RADIUS
-from maxcon.lab.evaluation import SUCCESS_DISTANCE, SUCCESS_WORDS, wilson_interval
+from maxcon.lab.evaluation import SUCCESS_DISTANCE, SUCCESS_WORDS, clopper_pearson
 from maxcon.lab.paper.claims import COUNT, HELMERT
 from maxcon.lab.paper.distinctness import MEASURES, plot_distinctness, plot_kurtosis_map
 from maxcon.lab.report import Picture
@@ -212,7 +212,7 @@ MOST_BINS = 20
 def plot_success(path: str | os.PathLike[str], found: Mapping[str, tuple[Floats, NDArray[np.bool_]]]) -> None:
     """Draw the success rate of each method against the distance of the prior from the reference.
 
-    Bars are Wilson intervals of 95 %; the numbers of epochs of each bin stand above it.
+    Bars are intervals of 95 % (`clopper_pearson`); the numbers of epochs of each bin stand above it.
 
     path: a .png or .svg to write.
     found: by the method's name, at most 8: distance of each prior from the reference, m, finite, shape (n,), and
@@ -226,7 +226,7 @@ def plot_success(path: str | os.PathLike[str], found: Mapping[str, tuple[Floats,
     }
     labels = [f"{name}: {100.0 * good.sum() / total.sum():.1f} %" for name, (total, good) in counts.items()]
     words = (
-        f"Success: within {SUCCESS_WORDS} of the reference. Bins of {edges[1]:g} m; bars: Wilson's 95 % intervals.\n"
+        f"Success: within {SUCCESS_WORDS} of the reference. Bins of {edges[1]:g} m; bars: 95 % intervals.\n"
         "Numbers above: epochs in each bin. Below: success over all epochs."
     )
     titles = ("Success by the error of the prior", words)
@@ -251,12 +251,13 @@ def round_width(farthest: float) -> float:
 def _draw_rates(axes: "Axes", number: int, places: Floats, total: NDArray[Any], good: NDArray[Any]) -> list[Any]:
     """Draw the rates of one method with their intervals at `places`; return what stands for it in the legend."""
     style = METHOD_STYLES[number]
-    low, high = wilson_interval(good, total)
-    rates = np.divide(good, total, out=np.full(len(places), np.nan), where=total > 0)
+    is_any = total > 0
+    places, total, good = places[is_any], total[is_any], good[is_any]
+    low, high = np.array([clopper_pearson(int(k), int(n)) for k, n in zip(good, total, strict=True)]).T
     axes.vlines(places, 100.0 * low, 100.0 * high, color=style.color, lw=1.5, alpha=0.75, zorder=2)
     return axes.plot(
-        places, 100.0 * rates, color=style.color, ls=style.line, lw=1.3, marker=style.marker, ms=6.5, mec="white",
-        mew=0.7, zorder=3, clip_on=False,
+        places, 100.0 * good / total, color=style.color, ls=style.line, lw=1.3, marker=style.marker, ms=6.5,
+        mec="white", mew=0.7, zorder=3, clip_on=False,
     )  # fmt: skip
 
 
