@@ -60,16 +60,6 @@ def test_a_table_in_latitude_and_longitude(assert_same, table):
     assert_same(table(lifted=46.0), "less 46 m", options=("--geoid-height", "46"))
 
 
-def test_heights_are_told_apart(localize, refused, table, tmp_path):
-    refused(localize(prior=table(lifted=46.0)), "ellipsoidal heights", "--geoid-height, about 46")
-    high = table("orthometric_height", 46.0)
-    refused(localize(prior=high), "heights above the geoid", "Are the map's heights ellipsoidal")
-    refused(localize("--geoid-height", "46", prior=table("orthometric_height")), "Leave it out")
-    refused(localize(prior=table("altitude")), "'altitude', which may be either")
-    refused(localize("--prior-topic", "/fix", prior=table()), "is no recording, or --prior-topic")
-    assert not (tmp_path / "poses.csv").exists()
-
-
 def test_a_receiver_s_log(assert_same, geographic, tmp_path):
     lines = ["# a log"]
     for time, (latitude, longitude, height), (roll, pitch, heading) in zip(*geographic, strict=True):

@@ -237,16 +237,6 @@ def test_no_epoch_localized_writes_a_table_and_no_trajectory(localize, tmp_path,
     assert not (tmp_path / "found.tum").exists() and "found.tum is not written\n" in ended.out
 
 
-def test_heights_come_from_the_ground(localize, drive, prior_rows, tmp_path):
-    high = [[*row[:3], str(float(row[3]) + 0.5), *row[4:]] for row in prior_rows]
-    assert localize("--height-half-width", "0.6", prior=write_rows(tmp_path / "high.txt", high)).code == 0
-    for row in rows_of(tmp_path / "poses.csv"):
-        assert abs(float(row["z"]) - drive.reference.at(float(row["time"])).z) < 0.05
-    far = write_rows(tmp_path / "far.txt", [[*row[:3], "500", *row[4:]] for row in prior_rows])
-    ended = localize("--overwrite", prior=far)
-    assert ended.code == 1 and "\n4 no match: No scan point matched the map" in ended.out
-
-
 # --- pictures --------------------------------------------------------------------------------------------------
 
 

@@ -89,15 +89,6 @@ def test_heights_of_another_kind_are_refused(localize, refused, drive, tmp_path)
     assert "heights: the receiver's (ellipsoidal) less 46 m" in ended.out
 
 
-def test_info_of_a_folder_and_a_file(maxcon, refused, drive, tmp_path):
-    ended = maxcon("scans", "info", drive.dataset.scans)
-    assert (ended.code, ended.err) == (0, "")
-    assert "4 scans" in ended.out and "range" in ended.out
-    assert maxcon("scans", "info", drive.dataset.scans / "000000.bin").code == 0
-    refused(maxcon("scans", "info", tmp_path / "missing"), "no such file")
-    refused(maxcon("scans", "info", tmp_path / "missing.mcap"), "no such file")
-
-
 def test_a_recording_needs_the_extra_recordings(localize, refused, recordings, monkeypatch):
     for name in ("rosbags", "mcap"):
         for loaded in [n for n in sys.modules if n == name or n.startswith(f"{name}.")]:

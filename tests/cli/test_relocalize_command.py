@@ -81,9 +81,3 @@ def test_epochs_without_an_answer_are_rows_with_their_status(relocalize, drive, 
 )
 def test_slips_are_one_line(relocalize, refused, options, words):
     refused(relocalize(*options.split()), *words)
-
-
-def test_a_table_is_not_replaced_unasked_without_a_prior(relocalize, refused, tmp_path):
-    (tmp_path / "poses.csv").write_text("mine")
-    refused(relocalize("-o", tmp_path / "poses.csv"), "--overwrite")
-    assert (tmp_path / "poses.csv").read_text() == "mine"

@@ -88,20 +88,3 @@ def test_where_nothing_fits_that_is_said(localized, priors):
     ended = localized(rows_of(far))
     assert ended.code == 1
     assert "meant otherwise (axes, angles, frames) they are not localized either" in ended.out
-
-
-def test_columns_by_other_names(localized, refused, priors):
-    rows, poses = rows_of(priors), "time,x,y,z,"
-    one_turn = ["line 2", "'heading' within one turn, got 123.4", "heading_deg"]
-    refused(localized([row.rpartition(",")[0] + ",123.4" for row in rows]), *one_turn)
-    refused(localized(rows, f"{poses}roll,pitch,yaw"), "Rename 'yaw'", "counter-clockwise", "compass")
-    assert localized(rows_of(priors, scale=180.0 / math.pi), f"{poses}roll_deg,pitch_deg,heading_deg").code == 0
-    level = [f"{time!r},{pose.x!r},{pose.y!r},{pose.z!r},{pose.heading!r}" for time, pose in priors]
-    assert localized(level, "timestamp,x,y,z,heading")[::2] == (0, "")
-
-
-def test_heights_of_another_kind_are_named(localized, priors):
-    ended = localized(rows_of(priors, lambda pose: pose.translated([0.0, 0.0, 46.0])))
-    assert ended.code == 1
-    assert "m above the map's ground. Are its heights above the ellipsoid, and the map's above the geoid?" in ended.out
-    assert "Take about 46 m off its z" in ended.out

@@ -94,22 +94,3 @@ def test_study_and_report_say_what_they_did(described, maxcon, tmp_path):
     assert (ended.code, ended.err) == (0, "")
     assert ended.out.splitlines() == [str(page), f"figures      {tmp_path / 'page-figures'}"]
     assert "helmert-points-unweighted" in page.read_text()
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        (("--methods", "helmet"), "Did you mean helmert"),
-        (("--prior", "gnss"), "Expected a prior of exact"),
-        (("--half-width", "0.1"), "multiple of its step"),
-    ],
-)
-def test_what_cannot_be_studied_is_one_line(described, maxcon, refused, tmp_path, wrong, words):
-    refused(maxcon("study", described, "-o", tmp_path / "study", *wrong), words)
-
-
-def test_paths_that_are_wrong_are_one_line(described, drive, maxcon, refused, tmp_path):
-    refused(maxcon("study", described, "-o", drive.dataset.folder), "it holds")
-    refused(maxcon("report", tmp_path, "-o", tmp_path / "page.html"), "Expected a study in")
-    assert not (tmp_path / "page.html").exists()
-    assert not (tmp_path / "study").exists()

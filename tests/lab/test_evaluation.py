@@ -178,6 +178,7 @@ def test_each_epoch_lies_in_one_region():
     assert (found.n_used, found.n_unavailable, found.n_exceeded) == (4, 4, 2)
     assert ALERT_LIMIT == 0.29
     assert found.exceeded_bound == upper_bound(2, 4)
+    assert found.hazardous_bound == upper_bound(1, 4)
 
 
 def test_an_epoch_is_as_bad_as_its_worst_direction():

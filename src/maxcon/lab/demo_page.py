@@ -68,8 +68,8 @@ def worst_of_the_count(count: MethodRows, helmert: MethodRows) -> int:
 
     Where there is none that the count gets wrong, of all epochs.
     """
-    is_shown = (count.numbers("is_success") == 0.0) & (helmert.numbers("is_success") == 1.0)
     distances = count.numbers("distance")
+    is_shown = ~np.isnan(distances) & (count.numbers("is_success") == 0.0) & (helmert.numbers("is_success") == 1.0)
     return int(np.nanargmax(np.where(is_shown, distances, np.nan) if is_shown.any() else distances))
 
 
@@ -95,13 +95,7 @@ class DemoPictures:
         """Draw the search space of an epoch, and its scene."""
         path = self.folder / "epoch.png"
         self.scenes.draw_epoch(path, epoch, f"Epoch {epoch}, in the street: {HELMERT}")
-        return Picture(
-            "One epoch: every candidate pose, and the answer",
-            "Left: the score of every position, one square per heading. Right: the scan at the prior and at the"
-            " answer, on the map from above.",
-            "Nine search spaces in colours with one bright cell, and a street seen from above.",
-            path,
-        )
+        return Picture.of("demo-epoch", path)
 
     def why(self) -> Picture:
         """Draw the epoch that the count puts farthest off, and say what came out, whatever it is."""
@@ -112,16 +106,10 @@ class DemoPictures:
         off = {name: near[name].numbers("distance")[epoch] for name in near}
         found = [statistics(rows) for rows in self.results.near]
         wrong = "; ".join(f"{one.method}: {one.n_epochs - one.n_success}" for one in found)
-        return Picture(
-            "Why Helmert's point error, and a voxel once",
-            f"The mapping vehicle stood before a red light for {MAPPING_WAIT:g} s, and the map is denser there. At"
-            f" epoch {epoch} the count of map points ends {off[COUNT_POINTS]:.2f} m from the reference,"
-            f" Helmert's score of the same matches {off[HELMERT_POINTS]:.2f} m, and Helmert's score with each voxel"
-            f" counting once, which is maxcon's default, {off[HELMERT]:.3f} m. Wrong by more than 0.3 m or"
-            f" 1 degree, of {found[0].n_epochs} epochs: {wrong}.",
-            "The search space of the best heading, scored by the count and by Helmert's point error.",
-            path,
-        )
+        return Picture.of(
+            "demo-why", path, wait=MAPPING_WAIT, epoch=epoch, count=off[COUNT_POINTS], helmert=off[HELMERT_POINTS],
+            once=off[HELMERT], n_epochs=found[0].n_epochs, wrong=wrong,
+        )  # fmt: skip
 
     def street_and_crossing(self, street: int) -> Picture:
         """Draw the count beside Helmert, on the same matches, in the street and at the crossing."""
@@ -130,14 +118,7 @@ class DemoPictures:
         rows = [self._row("in the street", street), self._row("at the crossing", crossing)]
         path = self.folder / "street-and-crossing.png"
         plot_comparison(path, rows, title="Count beside Helmert")
-        return Picture(
-            "Count beside Helmert, in the street and at the crossing",
-            "In a street the count leaves a bright ray along the facades: every position on it matches about as many"
-            " points. At a crossing facades face both ways: the count's two rays meet in one peak. Helmert's score asks"
-            " how well the matches fix the position, and leaves the peak alone.",
-            "The search spaces of the best heading, scored by count and by Helmert's point error.",
-            path,
-        )
+        return Picture.of("demo-spaces", path)
 
     def _references(self) -> NDArray[np.float64]:
         """Where the car was at each epoch, shape (n, 2), local frame, m."""
@@ -162,25 +143,13 @@ class DemoPictures:
         path = self.folder / "drive.png"
         errors = self.near[HELMERT].numbers("distance")
         plot_drive(path, self._references(), errors, point_map=self.scenes.point_map)
-        return Picture(
-            f"The drive from above: {HELMERT}",
-            "The map in grey, each epoch in the colour of its error.",
-            "The map from above with the drive.",
-            path,
-        )
+        return Picture.of("demo-drive", path, method=HELMERT)
 
     def wide_priors(self) -> Picture:
         """Draw what wide priors make of each method."""
         path = self.folder / "prior_error.svg"
         plot_prior_error(path, {"the simulated street": self.results.wide})
-        return Picture(
-            "Success by the error of the prior",
-            f"{self.results.wide_words} Registration from one start ends at the nearest minimum, and cannot tell"
-            " whether it is the right one; it has the map with ground, which holds its height and tilt. The same epochs"
-            " and priors for all.",
-            "Share of right answers, of wrong ones called good, and time, for priors wrong by up to 3, 6 and 12 m.",
-            path,
-        )
+        return Picture.of("demo-wide", path, words=self.results.wide_words)
 
 
 def _headline(best: MethodStatistics) -> str:

@@ -240,6 +240,11 @@ class ProtectionCounts:
         """Upper limit, with 95 % confidence, of the rate of exceeded levels among used epochs, 0 to 1."""
         return upper_bound(self.n_exceeded, self.n_used)
 
+    @property
+    def hazardous_bound(self) -> float:
+        """Upper limit, with 95 % confidence, of the rate of hazardous epochs among used ones, 0 to 1."""
+        return upper_bound(self.n_hazardous, self.n_used)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RiskCoverage:

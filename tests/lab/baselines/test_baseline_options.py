@@ -10,7 +10,7 @@ from functools import partial
 import pytest
 
 from maxcon.errors import OptionError
-from maxcon.lab.baselines import Choice, CountThenGicp, Gicp, Icp, MultiStart, Residual
+from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MultiStart
 
 Many = partial(MultiStart, Icp())
 
@@ -35,12 +35,6 @@ def test_options_out_of_range_are_refused(kind, options, words):
     with pytest.raises(OptionError) as refusal:
         kind(**options)
     assert words in str(refusal.value)
-
-
-def test_names_of_values():
-    assert Icp("plane").residual is Residual.PLANE
-    assert Icp(residual=Residual.POINT) == Icp("point") != Icp("plane")
-    assert Many(choice="overlap").choice is Choice.OVERLAP
 
 
 @pytest.mark.parametrize("method", [Icp("point", gate=2.0), Gicp(1.0), Many(n_side=2), CountThenGicp(gicp=Gicp(1.0))])

@@ -8,23 +8,19 @@ import numpy as np
 import pytest
 
 import maxcon
-from drawn_figures import SPACE, parts, words, yard
-from maxcon.lab.paper.distinctness import MEASURES, bin_percents, plot_distinctness, plot_kurtosis_map, spaced_epochs
+from drawn_figures import parts, words, yard
+from maxcon.lab.paper.distinctness import MEASURES, plot_distinctness, plot_kurtosis_map, spaced_epochs
 from maxcon.lab.paper.search_spaces import (
     best_from,
-    draw_matches,
     draw_space,
     draw_view,
     highest_of_blocks,
     overview_words,
-    plot_overview,
     view_words,
 )
-from maxcon.plotting.epoch import Scene
 from maxcon.plotting.score_panel import SearchSpaceView
 
 NAN = np.full(3, np.nan)
-PRIOR = maxcon.Pose(100.0, 50.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.fixture
@@ -89,21 +85,6 @@ def test_best_cell_is_marked_on_the_ground(panel):
     assert panel.images[0].get_array().max() == parts()["estimate"].score
 
 
-def test_consensus_set_is_drawn_at_the_answer(panel):
-    def drawn(**changes):
-        estimate = replace(parts()["estimate"], **changes)
-        scene = Scene(yard().scan, yard().point_map, yard().prior, SPACE, estimate)
-        return [handle.get_label() for handle in draw_matches(panel, scene)]
-
-    matched = int(parts()["accumulator"].moments[parts()["estimate"].cell][0])
-    assert drawn() == ["scan at the prior", f"consensus set ({matched:,} points)"]
-    assert len(panel.lines[1].get_xydata()) == matched
-    assert np.abs(np.abs(panel.lines[1].get_xydata()).max(axis=0) - [9.03, 5.03]).max() < 0.06
-    assert drawn(status=maxcon.Status.NO_MATCH) == ["scan at the prior"]
-    at_the_pose = drawn(cell=None)[1]  # of automatic cells: where the answer lies
-    assert int(at_the_pose.split("(")[1].split()[0]) == pytest.approx(matched, rel=0.01)
-
-
 @pytest.mark.parametrize("status", [maxcon.Status.LOCALIZED, maxcon.Status.AT_RIM])
 def test_the_overview_says_how_the_epoch_ended(status):
     estimate = replace(parts()["estimate"], status=status)
@@ -113,29 +94,7 @@ def test_the_overview_says_how_the_epoch_ended(status):
     assert f"This epoch is {ending}." in found
 
 
-def test_the_legend_names_only_what_is_drawn(tmp_path):
-    nothing = np.empty((0, 3))
-    empty = yard()._replace(
-        scan=maxcon.Scan(nothing), point_map=maxcon.PointMap.from_points(nothing, nothing, cell=0.06)
-    )
-    plot_overview(tmp_path / "lost.svg", **empty.conclude(), title="Lost")
-    moved = replace(parts()["accumulator"], prior=yard().prior.translated([0.0, 6.5, 0.0]))
-    unsure = (moved, replace(parts()["estimate"], status=maxcon.Status.AT_RIM))
-    plot_overview(tmp_path / "both.svg", **parts(), others=[unsure], title="Both")
-    alone, both = words(tmp_path / "lost.svg"), words(tmp_path / "both.svg")
-    assert alone[-3:] == ["map (darker: taller)", "scan at the prior", "search space of this epoch"]
-    ending = ["search space of this epoch", "search spaces of other epochs", "best cell", "best cell, not localized"]
-    assert both[-4:] == ending
-
-
 # Figures 5 and 6: how distinct the answers are.
-
-
-def test_percents_of_bins_are_of_all_epochs():
-    values = np.array([0.0, 0.5, 1.0, 1.9, 2.0, 7.0, -3.0, np.nan, np.nan, np.nan])
-    # Lower edges belong to their bins, the last edge too; -3 and 7 fall into the outermost; 3 of 10 are undefined.
-    np.testing.assert_allclose(bin_percents(values, np.array([0.0, 1.0, 2.0])), [30.0, 40.0])
-    np.testing.assert_array_equal(bin_percents(np.full(4, np.nan), np.array([0.0, 1.0, 2.0])), [0.0, 0.0])
 
 
 def test_medians_the_undefined_and_what_is_better_are_stated(tmp_path):

@@ -217,12 +217,6 @@ def test_nothing_is_cut_off_in_overview_and_comparison(n_shown, tmp_path, drawn)
 # --- the numbers in figures -----------------------------------------------------------------------------------
 
 
-def test_percents_are_of_all_epochs():
-    errors = np.array([0.3, np.nan, 0.1, 4.0, 0.1])
-    limits = np.array([0.0, 0.0999, 0.1, 0.3, 10.0])
-    np.testing.assert_allclose(percents_within(errors, limits), [0.0, 0.0, 40.0, 60.0, 80.0])
-
-
 @given(st.lists(st.floats(0.0, 20.0) | st.just(np.nan), min_size=1), st.floats(0.0, 20.0))
 def test_percents_count_what_they_say(errors, limit):
     expected = 100.0 * sum(error <= limit for error in errors) / len(errors)
@@ -279,19 +273,6 @@ def error_row(errors, sigmas, levels):
 
 
 GROSS = error_row([1.0, -2.0, 300.0, np.nan], [1.0, 1.0, 1.0, np.nan], [3.0, 3.0, 3.0, np.nan])
-
-
-@pytest.mark.parametrize(
-    ("row", "limit"),
-    [
-        (GROSS, 4.0 * 3.0),  # gross errors do not flatten the others
-        (error_row([0.5] * 3, [1.0] * 3, [3.0] * 3), 3.0),
-        (error_row([-4.0] * 3, [1.0] * 3, [np.nan] * 3), 4.0),
-        (error_row([np.nan], [np.nan], [np.nan]), 1.0),
-    ],
-)
-def test_the_range_of_errors_holds_errors_bands_and_levels(row, limit):
-    assert row.limit == pytest.approx(1.25 * limit)
 
 
 def test_statuses_and_wrong_answers_are_counted(tmp_path):

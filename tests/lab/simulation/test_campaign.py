@@ -32,16 +32,6 @@ def test_the_round_takes_300_s_and_ends_where_it_began(campaign, everything):
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 0.7
 
 
-@pytest.mark.parametrize("n_epochs", [1, 2, 7, 200, 3000])
-def test_fewer_epochs_are_some_of_all_over_the_same_round(campaign, everything, n_epochs):
-    some = campaign.epochs(n_epochs)
-    assert all(epoch == everything[epoch.tick] for epoch in some)
-    ticks = [epoch.tick for epoch in some]
-    assert len(set(ticks)) == n_epochs
-    assert (ticks[0], ticks[-1]) == (0, 3000 if n_epochs > 1 else 0)
-    assert n_epochs < 3 or np.ptp(np.diff(ticks)) <= 1
-
-
 @pytest.mark.parametrize(("name", "bound"), [("gnss_priors", 2.7), ("uniform_priors", 2.5)])
 def test_priors_are_off_by_their_errors_whatever_the_number_of_epochs(campaign, everything, name, bound):
     priors = getattr(campaign, name)
@@ -87,14 +77,6 @@ def test_rounds_are_off_by_2_cm_and_points_as_much_as_the_trajectory(campaign):
         )
     between = np.array([errors.at(drive.times[0] + np.arange(0.0, 160.0, 40.0)) for drive in mapping.drives])
     assert 0.012 < between.std(axis=0).mean() < 0.028
-
-
-def test_a_scan_is_the_same_whichever_others_are_taken(campaign, everything, thin_scanner):
-    first, second, other = (
-        campaign.scan(epoch, thin_scanner) for epoch in (campaign.epochs(3)[1], everything[1500], everything[1501])
-    )
-    np.testing.assert_array_equal(first.points, second.points)
-    assert not np.array_equal(other.points[:20], first.points[:20])
 
 
 def test_the_car_comes_again_on_the_same_day_and_on_another(campaign):

@@ -2,21 +2,10 @@
 # SPDX-License-Identifier: MIT
 """What scanners measure, held against the triangles they hit; their layouts; scans from a vehicle that moves."""
 
-import sys
-
 import numpy as np
 import pytest
 
-from maxcon.errors import MissingExtraError
-from maxcon.lab.simulation import (
-    DeskewErrors,
-    Drive,
-    ProfileScanner,
-    RayCaster,
-    RotatingScanner,
-    ScannerLayout,
-    scan_moving,
-)
+from maxcon.lab.simulation import DeskewErrors, Drive, RotatingScanner, ScannerLayout, scan_moving
 
 
 def _distances_to_hit_planes(returns, caster):
@@ -80,38 +69,6 @@ def test_noise_dropouts_and_ranges_are_as_stated(world, epoch):
     assert np.isclose(len(returns.points) / len(full.points), 0.9, atol=0.02)
 
 
-def test_profiles_are_upright_turned_and_blind_below(world):
-    drive, caster = world.mapping.drives[0], world.mapping.caster
-    scanner = ProfileScanner(turn_deg=45.0, noise=0.0, blind_deg=45.0)
-    assert np.allclose(scanner.directions @ np.array([-1.0, 1.0, 0.0]), 0.0)
-    returns = scanner.scan(caster, drive, 0, 50, _rng())
-    distances, _ = _distances_to_hit_planes(returns, caster)
-    assert np.abs(distances).max() < 1e-3
-    positions, _ = drive.at(returns.times)
-    np.testing.assert_allclose(returns.origins, positions, atol=1e-3)
-    assert (np.diff(returns.times) > 0.0).all()
-    rays = returns.points - returns.origins
-    angles = np.degrees(np.arccos(-rays[:, 2] / np.linalg.norm(rays, axis=1)))
-    assert angles.min() > 43.5  # less the tilt of the vehicle
-
-
-def test_the_map_is_denser_where_the_drive_is_slower(world):
-    drive, scanner = world.mapping.drives[0], ProfileScanner(line_rate=25.0, points_per_line=300)
-    speeds = np.linalg.norm(np.diff(drive.positions, axis=0), axis=1) / np.diff(drive.times)
-    returns = scanner.scan(world.mapping.caster, drive, 0, scanner.n_lines(drive), _rng())
-    slow, fast = (
-        (np.linalg.norm(returns.origins - drive.positions[place], axis=1) < 2.0).sum()
-        for place in (np.argmin(speeds), np.argmax(speeds))
-    )
-    assert slow > 2.5 * fast
-
-
-def test_without_embreex_the_extra_is_named(city, monkeypatch):
-    monkeypatch.setitem(sys.modules, "embreex", None)
-    with pytest.raises(MissingExtraError, match=r"Run: pip install 'maxcon\[demo\]'"):
-        RayCaster(city)
-
-
 NONE = DeskewErrors(0.0, 0.0, 0.0)
 NOISE_FREE = RotatingScanner(azimuth_step_deg=1.0, noise=0.0, dropout=0.0)
 
@@ -163,16 +120,3 @@ def test_the_residual_is_what_an_error_of_the_speed_says(world, start):
     assert 0.0 < np.abs(speed_errors).max() <= 0.02
     np.testing.assert_allclose(speed_errors, speed_errors[0], atol=1e-9)
     np.testing.assert_allclose(shifts - np.outer(shifts @ way, way), 0.0, atol=1e-9)
-
-
-def test_an_error_of_the_turn_rate_turns_points_by_their_time(world, start):
-    drive = _driving(start)
-    right, wrong = (
-        scan_moving(NOISE_FREE, world.scan_caster, drive, 10.0, _rng(5), errors)
-        for errors in (NONE, DeskewErrors(0.0, 0.3, 0.0))
-    )
-    points, moved = ((each.points - start[0]) @ drive.poses([10.0])[0].rotation for each in (right, wrong))
-    turns = np.arctan2(moved[:, 1], moved[:, 0]) - np.arctan2(points[:, 1], points[:, 0])
-    rates = ((turns + np.pi) % (2.0 * np.pi) - np.pi) / (right.times - 10.0)
-    assert 0.0 < np.abs(rates).max() <= np.radians(0.3)
-    np.testing.assert_allclose(rates, rates[0], atol=1e-8)

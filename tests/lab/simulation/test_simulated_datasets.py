@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Datasets on disk: readable, whole or absent, the same for the same seed, and true; `maxcon simulate`."""
 
-import subprocess
 import sys
 from dataclasses import replace
 
@@ -109,13 +108,6 @@ def test_map_clouds_are_las_1_4_with_class_time_and_crs_in_tiles(dataset):
     assert {LasClass.GROUND, LasClass.BUILDING, LasClass.VEHICLE} <= set(classes) <= set(LasClass)
     origins = read_trajectory(dataset.map_trajectory).positions_at(times)
     assert np.linalg.norm(points - origins, axis=1).max() < 60.2
-
-
-def test_the_map_of_a_suburb_has_classes_and_hedges_without_one(suburb_dataset):
-    _, classes, _ = _map_points(suburb_dataset)
-    counts = np.bincount(classes, minlength=66)
-    assert counts[LasClass.GROUND] > counts[LasClass.BUILDING] > 0
-    assert counts[LasClass.UNCLASSIFIED] > 0.05 * len(classes)
 
 
 TWO_PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
@@ -254,13 +246,6 @@ def test_wrong_options_are_refused(tmp_path, make, wrong, words):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_importing_is_light():
-    heavy = "embreex trimesh laspy pyproj scipy numba"
-    code = f"import sys, maxcon.lab.simulation; print(*[m for m in '{heavy}'.split() if m in sys.modules])"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == ""
-
-
 @pytest.fixture
 def command(monkeypatch, capsys):
     """Run `maxcon simulate` in this process; return its exit code and what it printed."""
@@ -314,19 +299,3 @@ def test_options_are_passed_on_and_the_parts_are_said(
     assert first == str(dataset.folder)
     assert [line[:13].strip() for line in lines] == parts
     assert all(f" {dataset.folder}/" in line for line in lines if not line.startswith("map sigma"))
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--every", "0.1"), "maxcon: Expected --every together with --campaign, got it alone."),
-        (("--scene", "suburb", "--campaign"), "maxcon: Expected either --campaign or --scene suburb, got both."),
-        (("--scanner", "vlp16"), "maxcon: Expected `scanner` to be 'vlp-16', 'vlp-32c', 'hdl-64e' or 'os1-64'"),
-    ],
-)
-def test_wrong_options_of_the_command_are_refused(command, tmp_path, options, words):
-    code, printed = command(tmp_path / "out", *options)
-    assert code == 2
-    assert printed.err.startswith(words)
-    assert printed.err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []

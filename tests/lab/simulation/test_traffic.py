@@ -78,13 +78,3 @@ def test_road_users_stand_where_they_may(hard_campaign, thin_scanner, traffic):
         gaps = np.linalg.norm(places[:, None] - places, axis=2) + 9.0 * np.eye(len(places))
         assert gaps.size == 0 or gaps.min() > 0.4
     assert kinds == {True, False}  # vehicles and pedestrians
-
-
-def test_traffic_is_another_in_each_epoch_and_the_same_for_the_same_seed(hard_campaign, thin_scanner, traffic):
-    pose, caster = hard_campaign.epochs(1)[0].reference, hard_campaign.scan_caster
-    first, second, other = (
-        [user[1:] for user in traffic.draw(caster, thin_scanner, pose, np.random.default_rng(seed), ratio=0.5)]
-        for seed in (1, 1, 2)
-    )
-    assert first == second
-    assert first != other

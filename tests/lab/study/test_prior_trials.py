@@ -111,18 +111,6 @@ def test_a_prior_depends_on_nothing_but_seed_epoch_and_level():
     assert len({first, *others}) == 4
 
 
-def test_levels_are_written_as_metres_and_degrees(benchmark_module):
-    parse_level = benchmark_module.parse_level
-    assert parse_level("1.5:0.5") == prior_level(1.5, 0.5)
-    assert parse_level("60:180") == prior_level(60.0, 180.0)
-
-
-@pytest.mark.parametrize("word", ["12", "a:b", "0:1", "1:0", "-3:2", "nan:1", "inf:1", "1:181", "1:2:3"])
-def test_other_words_are_refused(benchmark_module, word):
-    with pytest.raises(OptionError, match="METRES:DEGREES"):
-        benchmark_module.parse_level(word)
-
-
 def test_methods_are_told_the_level():
     level = prior_level(6.0, 5.0)
     found = {method.name: method for method in methods_at(level)}

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """A study answers as its methods do, goes on where it stopped, and outlives bad epochs."""
 
-import json
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +17,7 @@ from maxcon.lab.distinctness import distinctness
 from maxcon.lab.evaluation import pose_error
 from maxcon.lab.study import COLUMNS, Study, StudyMethod, choose_methods, run_study
 from maxcon.lab.study.methods import make_maps
-from maxcon.lab.study.run import CONFIGURATION, Configuration, spread_epochs
+from maxcon.lab.study.run import CONFIGURATION, spread_epochs
 from maxcon.lab.study.table import keys_of, table_of, table_schema
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
@@ -305,40 +304,6 @@ def test_variants_are_maps_of_the_same_clouds(simulated, copied, tried, tmp_path
     assert n_voxels["density-1/4"] < 0.7 * n_voxels["standard"] < n_voxels["ground"]
     with pytest.raises(OptionError, match=r"Expected clouds in .* to build the map 'cell-0\.03'"):
         tried(["cells"])
-
-
-WHOLE = {
-    "version": "1",
-    "dataset": "dataset.toml",
-    "parts": {"reference": "ab"},
-    "n_scans": 3,
-    "options": {"min_range": 1.0},
-    "methods": {"helmert": {"method": {}, "map": "standard", "starts": "from the prior"}},
-    "maps": {"standard": {}},
-    "runs": [{"methods": ["helmert"], "priors": ["gnss"], "n_epochs": 3, "n_workers": 1, "n_rows": 3}],
-}
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"version": 1},
-        {"parts": []},
-        {"n_scans": "3"},
-        {"options": {"min_range": "near"}},
-        {"methods": {"helmert": 7}},
-        {"runs": 7},
-        {"runs": [{"priors": [3]}]},
-        {"runs": [{"seconds": "long"}]},
-    ],
-    ids=str,
-)
-def test_a_broken_configuration_is_said(tmp_path, changes):
-    (tmp_path / CONFIGURATION).write_text(json.dumps(WHOLE))
-    assert Configuration.read(tmp_path).runs[0]["priors"] == ["gnss"]
-    (tmp_path / CONFIGURATION).write_text(json.dumps({**WHOLE, **changes}))
-    with pytest.raises(FileError, match=r"Expected a study in .*study\.json, got"):
-        Configuration.read(tmp_path)
 
 
 def test_a_broken_study_is_said(study, tmp_path):

@@ -3,15 +3,14 @@
 """The page of a study, as `maxcon report` writes it and as a browser shows it."""
 
 import re
-import shutil
 
 import pytest
 
 from maxcon.errors import FileError, OptionError
 from maxcon.lab.report.study_report import report_study
 from maxcon.lab.study.table import table_of
+from opened_pages import assert_whole
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FIGURES = {
     "scene", "headings", "comparison", "distinctness-points", "kurtosis-points", "success", "errors",
     "risk-coverage", "timeline",
@@ -40,26 +39,7 @@ def test_the_page_has_every_claim_method_and_figure(page_file, methods):
 @pytest.mark.browser
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "light"), (1280, "dark")])
 def test_a_browser_shows_it_whole(page_file, width, scheme):
-    if CHROMIUM is None:
-        pytest.skip("no chromium on the PATH: the page is not opened")
-    playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: the page is not opened")
-    with playwright.sync_playwright() as engine:
-        browser = engine.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
-        said, asked = [], []
-        page.on("console", lambda message: said.append(message.text))
-        page.on("pageerror", lambda error: said.append(str(error)))
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto(page_file.as_uri())
-        n_images = page.evaluate("document.images.length")
-        broken = page.evaluate("[...document.images].filter(i => !i.complete || i.naturalWidth < 100).length")
-        overflow = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
-        rows = page.evaluate("document.querySelectorAll('table.methods tbody tr').length")
-        browser.close()
-    assert (said, broken, overflow) == ([], 0, 0)
-    assert n_images == len(FIGURES)
-    assert rows == 5 + 3  # all methods, and how distinct those of maximum consensus are
-    assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
+    assert_whole(page_file, width, scheme, len(FIGURES))
 
 
 def test_a_method_that_predicts_its_errors_is_held_to_it(copied, tried, tmp_path):

@@ -4,10 +4,12 @@
 
 import base64
 import os
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from maxcon._system.atomic import atomic_file
 from maxcon.errors import needs_extra
@@ -21,6 +23,13 @@ class Picture:
     caption: str
     alt: str
     path: Path
+
+    @classmethod
+    def of(cls, name: str, path: Path, **values: object) -> Self:
+        """Return a picture with the words of that name in `captions.toml`, and values in them."""
+        words = tomllib.loads(resources.files(__name__).joinpath("captions.toml").read_text(encoding="utf-8"))[name]
+        title, caption, alt = (words[part].format(**values) for part in ("title", "caption", "alt"))
+        return cls(title, caption, alt, path)
 
     @property
     def data_uri(self) -> str:

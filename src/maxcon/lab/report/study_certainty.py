@@ -155,28 +155,12 @@ def _sigmas(path: Path, rows: MethodRows) -> Picture:
         for name, (unit, factor) in UNITS.items()
     ]
     plot_sigmas(path, panels, title=f"Error against predicted sigma: {rows.method}")
-    return Picture(
-        "Error against predicted sigma",
-        "Every answer with a covariance is a dot: to the right, how far off it expected to be (one standard deviation);"
-        " upwards, how far off it was. Where the predictions hold, a third of the dots lie above the line of 1 sigma,"
-        " hardly any above that of 3 sigma, and the curves below lie on each other: a curve below the dashed one tells"
-        " of sigmas that are too small.",
-        "Errors along, across and of the heading over their predicted standard deviations, with lines at 1 to 3 sigma.",
-        path,
-    )
+    return Picture.of("sigmas", path)
 
 
 def _stanford(path: Path, rows: MethodRows) -> Picture:
     plot_stanford(path, *_errors_and_levels(rows), title=f"Protection level against true error: {rows.method}")
-    return Picture(
-        "Stanford diagram: protection level against true error",
-        "The protection level is what the error shall not exceed, but for the method's stated risk. Green: it did not,"
-        " and the level is small enough to drive by. Yellow and red: the error was larger than promised; red: larger"
-        " than the alert limit too, with nobody warned. Grey: the level itself is beyond the alert limit, or the answer"
-        " was withheld; nobody drives by it.",
-        "Protection levels over true errors, along and across, with the regions of a Stanford diagram.",
-        path,
-    )
+    return Picture.of("stanford", path)
 
 
 def _risk_coverage(path: Path, methods: Mapping[str, MethodRows]) -> list[Picture]:
@@ -194,18 +178,7 @@ def _risk_coverage(path: Path, methods: Mapping[str, MethodRows]) -> list[Pictur
     if not found:
         return []
     plot_risk_coverage(path, found)
-    return [
-        Picture(
-            "What the status is worth",
-            "To the right: more answers are accepted. Upwards: more of them are wrong. A good status stands low and far"
-            " right: it withholds the wrong answers and no others. The order of trust: answers with the status"
-            " “localized” before withheld ones, each group by its runner-up, which is the score of the next best place"
-            " over that of the answer; methods without scores have no order within a group. Epochs without an answer"
-            " are never accepted.",
-            "Rates of wrong answers over the share of accepted ones, a line or two markers for each method.",
-            path,
-        )
-    ]
+    return [Picture.of("risk-coverage", path)]
 
 
 def _timeline(path: Path, prior: str, rows: MethodRows) -> Picture:
@@ -222,11 +195,4 @@ def _timeline(path: Path, prior: str, rows: MethodRows) -> Picture:
         errors,
         title=f"The drive, epoch by epoch: {rows.method}, prior “{prior}”",
     )
-    return Picture(
-        f"The drive, epoch by epoch: prior “{prior}”",
-        "On top what the method said of each answer, and which trusted answers were wrong; below, its signed errors,"
-        " with the band of 2 predicted sigmas and the protection level where it has them. Look for errors that leave"
-        " the band for many epochs in a row: neighbours err together, and a mean over the drive hides that.",
-        "Status, errors along, across and of the heading over the epochs of the drive.",
-        path,
-    )
+    return Picture.of("timeline", path, prior=prior)

@@ -124,25 +124,12 @@ class StudyScenes(Scenes):
             path, point_map=self.point_map, scan=scan, estimate=estimate,
             accumulator=accumulator, objective=Helmert(), others=others, title=f"Epoch {epoch} and its neighbours",
         )  # fmt: skip
-        return Picture(
-            "Map, scan, consensus set and search spaces",
-            f"Epoch {epoch} from above: the map, the scan at its prior, and the points that match at the answer. The"
-            " squares on the ground are the search spaces of this epoch and of others along the drive, in the colours"
-            " of Helmert's score.",
-            "A street from above with a scan in it and coloured squares along the drive.",
-            path,
-        )
+        return Picture.of("overview", path, epoch=epoch)
 
     def headings(self, path: Path, epoch: int) -> Picture:
         """Draw all headings of an epoch, and its scene."""
         self.draw_epoch(path, epoch, f"Epoch {epoch}: every heading")
-        return Picture(
-            "All headings",
-            "Left: Helmert's score of every position, a panel for each heading, in one scale of colours: the peak"
-            " vanishes as the heading turns away. Right: the scan at the prior and at the answer.",
-            "Panels of the search space, one for each heading, and a street seen from above.",
-            path,
-        )
+        return Picture.of("headings", path)
 
     def comparison(self, path: Path, epochs: Mapping[str, int]) -> Picture:
         """Draw crossing and street, and where the count fails, count beside Helmert (the paper's figure 4)."""
@@ -153,12 +140,7 @@ class StudyScenes(Scenes):
             rows.append(self.row(f"{label}, epoch {epoch}", epoch, views, scan))
             words.append(f"epoch {epoch}, {SHOWN_BECAUSE[label]}")
         plot_comparison(path, rows, title="Count beside Helmert's score")
-        return Picture(
-            "A crossing and a street, count beside Helmert's score",
-            f"Offsets are from the reference: the best cell should be at (0, 0). From above: {'; '.join(words)}.",
-            "Rows of epochs: the scan in the map, the search space of the count, and that of Helmert's score.",
-            path,
-        )
+        return Picture.of("comparison", path, rows="; ".join(words))
 
     def _neighbours(self, epoch: int, rows: MethodRows) -> list[int]:
         """Other epochs with an answer whose search spaces can be drawn beside that of this one, the nearest first."""

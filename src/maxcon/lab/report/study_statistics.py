@@ -98,15 +98,7 @@ def _distinctness(folder: Path, methods: Mapping[str, MethodRows], stem: str, pa
     words = "as published" if stem == "points" else "by our defaults"
     values = {NAMES[name]: {field: _column(methods[name], field, epochs) for field in MEASURES} for name in pair}
     plot_distinctness(path, values, title=f"How distinct the answers are: {words}")
-    return Picture(
-        f"How distinct the answers are, {words}",
-        f"The paper's comparisons over all epochs. Peak ratio: second highest over highest score, beyond"
-        f" {GUARD_RADIUS:g} m and over all headings. Kurtosis and divergence from a Laplace distribution: of the"
-        " scores along the line through the"
-        " best cell in its least determined direction. Spread: the farthest cell that reaches 90 % of the best.",
-        "Histograms of four measures of distinctness, count beside Helmert's score.",
-        path,
-    )
+    return Picture.of("distinctness", path, words=words, guard=GUARD_RADIUS)
 
 
 def _kurtosis(
@@ -119,13 +111,7 @@ def _kurtosis(
     local = local - local.min(axis=0) if point_map is None else point_map.frame.to_local(local)
     small, large = ((NAMES[name], _column(methods[name], "kurtosis", epochs)[is_known]) for name in pair)
     plot_kurtosis_map(path, local[:, :2], small, large, point_map=point_map, title="Kurtosis along the drive")
-    return Picture(
-        "Kurtosis along the drive",
-        f"Small circles: {small[0]}. Large circles: {large[0]}. Dark: the scores are flat along the"
-        " least determined direction; bright: one distinct peak.",
-        "The trajectory from above with circles coloured by kurtosis.",
-        path,
-    )
+    return Picture.of("kurtosis", path, small=small[0], large=large[0])
 
 
 def _success(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]) -> list[Picture]:
@@ -139,15 +125,7 @@ def _success(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]
     if not found:
         return []
     plot_success(path, found)
-    return [
-        Picture(
-            "Success against the error of the prior",
-            f"Epochs within {SUCCESS_WORDS} of the reference, by how far off the prior was; trusted or not. At most"
-            " eight methods are drawn; the tables have all.",
-            "Success rates over the distance of the prior, a line for each method.",
-            path,
-        )
-    ]
+    return [Picture.of("success", path, success=SUCCESS_WORDS)]
 
 
 # The axis of distributions, m: a centimetre is below any reference's accuracy, ten metres beyond any search space.
@@ -191,12 +169,7 @@ def plot_error_distributions(path: Path, errors_by_method: Mapping[str, Floats])
         axes.set_ylabel("share of all epochs with at most this error [%]")
         axes.axvline(SUCCESS_DISTANCE, color=INK, lw=1.1, ls=DASHES, zorder=2)
         draw_grid(axes, which="major")
-    return Picture(
-        "How many epochs stay within which error",
-        "Of all epochs, trusted or not; an epoch without an answer is within no error.",
-        "Cumulative distributions of the horizontal error, a line for each method.",
-        path,
-    )
+    return Picture.of("errors", Path(path))
 
 
 def _label(name: str, errors: Floats) -> str:
