@@ -111,14 +111,6 @@ def test_it_ends_at_the_truth_from_where_gicp_alone_does_not(street, street_map,
     assert (street.distance(alone.pose) < 0.3) == (along == 0.0)
 
 
-def test_its_word_is_that_of_gicp(same, street, street_map, street_scan):
-    fine = Gicp(3.0, thinning=0.25, target_edge=0.25)
-    method, prior = CountThenGicp(12.0, 10.0, gicp=fine), street.prior(9.0, -5.0, 8.0)
-    assert method.localize(street_scan, street_map, prior).is_localized
-    hasty = CountThenGicp(12.0, 10.0, gicp=Gicp(3.0, thinning=0.25, target_edge=0.25, max_iterations=1))
-    assert hasty.localize(street_scan, street_map, prior).status == Status.NOT_CONVERGED
-
-
 def test_without_small_gicp_the_extra_is_named(street, street_map, street_scan, monkeypatch):
     monkeypatch.setitem(sys.modules, "small_gicp", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[baselines\]'"):

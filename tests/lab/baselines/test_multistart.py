@@ -74,16 +74,6 @@ def test_by_overlap_the_end_nearest_to_the_map_wins_and_says_its_own_word():
     assert many.choice is Choice.OVERLAP
 
 
-def test_by_overlap_one_good_start_is_enough(street, street_map, street_scan):
-    prior = street.prior(7.0, 2.0, 6.0)
-    options = {"spacing": 4.8, "n_headings": 3, "heading_spacing_deg": 6.7}
-    found = MultiStart(Icp(gate=3.0), **options, choice="overlap").localize(street_scan, street_map, prior)
-    assert found.is_localized
-    assert street.distance(found.pose) < 0.1
-    wary = MultiStart(Icp(gate=3.0), **options).localize(street_scan, street_map, prior)
-    assert not wary.is_localized
-
-
 @pytest.mark.parametrize("method", [Icp(), Gicp()])
 def test_points_near_the_map_are_counted_at_a_pose(street, street_map, street_scan, method):
     if isinstance(method, Gicp):
