@@ -1,17 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Real files of recorders and scanners: each is read rightly, or refused in one line, and soon."""
-
-import time
+"""Real files of recorders and scanners: what is in them."""
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from maxcon.errors import MaxconError
 from maxcon.io.point_records import decode_points, records_of_message
 from maxcon.io.recordings.clouds import open_clouds
-from maxcon.io.recordings.opening import is_recording
 from maxcon.io.scans import open_scans
 from maxcon.io.scans.folder import read_scan_file
 
@@ -23,38 +19,6 @@ pytest.importorskip("velodyne_decoder")
 @pytest.fixture(scope="module")
 def recorders(real_data):
     return real_data("recorders")
-
-
-def test_every_recording_is_read_or_refused_in_a_line(recorders):
-    """The words expected of each; numbers of scans where it is read."""
-    expected = {
-        "512x10_raw.bag": "got /os_node0/imu_packets (ouster_ros/msg/PacketMsg)",
-        "embag_test.bag": 5,
-        "example-bz2.bag": "Expected point clouds (PointCloud2, VelodyneScan)",
-        "example-lz4.bag": "Expected point clouds (PointCloud2, VelodyneScan)",
-        "example.bag": "Expected point clouds (PointCloud2, VelodyneScan)",
-        "rms_1xxx_lms_1xx_movement_off.bag": r"/cloud_radar_track",
-        "1673400471837873222": 4,
-        "1673400471837873222_0.db3": 4,
-        "sample_velodyne_vlp16_gps.pcap": 4,
-        "OS-0-32-U1_v2.2.0_1024x10-single-packet.pcap": "Expected packets of a Velodyne",
-        "OS-0-32-U1_v2.2.0_1024x10.pcap": "Expected packets of a Velodyne",
-        "OS-1-128_v2.3.0_1024x10_lb_n3.pcap": "Expected packets of a Velodyne",
-    }
-    seen = set()
-    for path in sorted(recorders.rglob("*")):
-        if not is_recording(path):
-            continue
-        begin = time.perf_counter()
-        try:
-            scans = open_scans(path)
-            assert sum(len(raw.points) > 0 for raw in scans.scans(0.0, 200.0)) == expected.get(path.name, len(scans))
-        except MaxconError as error:
-            assert "\n" not in str(error)
-            assert str(expected.get(path.name, "Expected")) in str(error)
-        assert time.perf_counter() - begin < 100.0
-        seen.add(path.name)
-    assert set(expected) <= seen
 
 
 def test_seconds_and_nanoseconds_of_a_real_scanner(recorders):
