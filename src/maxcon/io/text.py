@@ -85,7 +85,7 @@ def parse_float(text: str) -> float | None:
 
 def read_table(text: TextIO, n_rows: int, n_columns: int) -> NDArray[np.float64]:
     """Return the next rows of numbers between blanks, shape (n_rows, n_columns); ValueError if they are none."""
-    lines = list(islice(_lines(text), n_rows))
+    lines = list(islice(text_lines(text), n_rows))
     if len(lines) < n_rows:
         raise ValueError(f"{n_rows - len(lines)} rows of numbers fewer: truncated")
     return table_of(lines, n_columns)
@@ -93,7 +93,7 @@ def read_table(text: TextIO, n_rows: int, n_columns: int) -> NDArray[np.float64]
 
 def pass_over_rows(text: TextIO, n_rows: int) -> None:
     """Read on behind the next lines that are not empty."""
-    deque(islice(_lines(text), n_rows), maxlen=0)
+    deque(islice(text_lines(text), n_rows), maxlen=0)
 
 
 def table_of(lines: Sequence[str], n_columns: int, separator: str | None = None) -> NDArray[np.float64]:
@@ -104,7 +104,7 @@ def table_of(lines: Sequence[str], n_columns: int, separator: str | None = None)
     return values
 
 
-def _lines(text: TextIO) -> Iterator[str]:
+def text_lines(text: TextIO) -> Iterator[str]:
     """Yield the lines that are not empty."""
     while line := text.readline(MAX_ROW):
         if len(line) == MAX_ROW:

@@ -63,6 +63,7 @@ def _scans(opened: Any) -> list[Any]:
 def _chunks(image_file: Any, scan: Any, label: str, max_points: int) -> Generator[CloudChunk]:
     """Yield the points of a scan, never more than `max_points` at a time."""
     from pye57 import libe57
+    from pye57.utils import convert_spherical_to_cartesian
 
     points = scan["points"]
     n_left = points.childCount()
@@ -87,19 +88,12 @@ def _chunks(image_file: Any, scan: Any, label: str, max_points: int) -> Generato
             n_left -= n_read
             own = np.stack([columns[name][:n_read] for name in kind], axis=1)
             if kind is SPHERICAL:
-                own = _cartesian(own)
+                own = convert_spherical_to_cartesian(own)
             if INVALID[kind] in columns:
                 own[columns[INVALID[kind]][:n_read] != 0] = np.nan
             yield CloudChunk(own @ rotation.T + translation)
     finally:
         reader.close()
-
-
-def _cartesian(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """x, y, z of range (m), azimuth and elevation (rad)."""
-    distance, azimuth, elevation = values.T
-    level = distance * np.cos(elevation)
-    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)], axis=1)
 
 
 def _pose(scan: Any, label: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

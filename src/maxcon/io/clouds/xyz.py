@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: MIT
 """Points as text, a line each: columns by the names of a header, or x, y, z first."""
 
+import io
 from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 
 from maxcon._system.regular_file import open_regular
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_classes, as_file_error
-from maxcon.io.text import MAX_LINES, parse_float, table_of
+from maxcon.io.text import MAX_LINES, parse_float, table_of, text_lines
 
 KIND = "points as text, with x, y, z in each line"
 NAMES = {
@@ -21,7 +23,6 @@ NAMES = {
 }
 SEPARATORS = (",", ";", "\t")
 COMMENTS = ("#", "//")
-MAX_LINE = 4096
 
 
 class _Layout(NamedTuple):
@@ -44,43 +45,42 @@ class XyzReader(CloudReader):
 
     def __init__(self, file: Path) -> None:
         super().__init__()
-        with as_file_error(file, KIND), open_regular(file) as stream:
-            self._layout = _read_layout(stream)
-            stream.seek(0)
-            n_points = sum(1 for _ in _rows(stream, self._layout))
+        with _opened(file) as lines:
+            self._layout = _read_layout(lines)
+        with _opened(file) as lines:
+            n_points = sum(1 for _ in _rows(lines, self._layout))
         columns = self._layout.columns
         self.header = CloudHeader(file, n_points, has_classes="class" in columns, has_times="time" in columns)
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
-        with as_file_error(self.header.path, KIND), open_regular(self.header.path) as stream:
-            rows, layout = _rows(stream, self._layout), self._layout
-            while lines := list(islice(rows, min(max_points, MAX_LINES))):
-                values = table_of(lines, layout.n_columns, layout.separator)
+        with _opened(self.header.path) as lines:
+            rows, layout = _rows(lines, self._layout), self._layout
+            while some := list(islice(rows, min(max_points, MAX_LINES))):
+                values = table_of(some, layout.n_columns, layout.separator)
                 named = {name: values[:, column] for name, column in layout.columns.items()}
                 classes = as_classes(named["class"]) if "class" in named else None
                 points = values[:, [layout.columns[name] for name in "xyz"]]
                 yield CloudChunk(points, classes=classes, times=named.get("time"))
 
 
-def _lines(stream: BinaryIO) -> Iterator[tuple[int, str]]:
-    """Yield lines with content, and their numbers; a byte order mark is left out."""
-    number = 0
-    while line := stream.readline(MAX_LINE):
-        number += 1
-        if len(line) == MAX_LINE and not line.endswith(b"\n"):
-            raise ValueError(f"a line of over {MAX_LINE} characters")
-        if text := line.decode("utf-8-sig" if number == 1 else "ascii", "replace").strip():
-            yield number, text
+@contextmanager
+def _opened(file: Path) -> Iterator[Iterator[tuple[int, str]]]:
+    """Yield the lines of a file that are not empty, and their numbers among these; a byte order mark is left out."""
+    with (
+        as_file_error(file, KIND),
+        io.TextIOWrapper(open_regular(file), encoding="utf-8-sig", errors="replace", newline="\n") as stream,
+    ):
+        yield enumerate(map(str.strip, text_lines(stream)))
 
 
-def _rows(stream: BinaryIO, layout: _Layout) -> Iterator[str]:
-    return (text for number, text in _lines(stream) if number >= layout.first_row and not text.startswith(COMMENTS))
+def _rows(lines: Iterator[tuple[int, str]], layout: _Layout) -> Iterator[str]:
+    return (text for number, text in lines if number >= layout.first_row and not text.startswith(COMMENTS))
 
 
-def _read_layout(stream: BinaryIO) -> _Layout:
+def _read_layout(lines: Iterator[tuple[int, str]]) -> _Layout:
     """Where rows begin and what is in them."""
     names: list[str] | None = None
-    for number, text in _lines(stream):
+    for number, text in lines:
         separator = next((mark for mark in SEPARATORS if mark in text), None)
         cells = [cell.strip() for cell in text.lstrip("#/ ").split(separator)]
         is_comment = text.startswith(COMMENTS)

@@ -43,6 +43,7 @@ class RecordedScans(Scans):
     def __init__(self, source: CloudSource, *, at_stamp: bool = False) -> None:
         self.source = source
         self.at_stamp = at_stamp
+        self._progress: Progress | None = None
         self._running: Iterator[tuple[int, RecordedCloud]] | None = None
         self._start, self._next = 0, 0
         self._lock = threading.Lock()  # epochs may be localized by several threads
@@ -55,14 +56,11 @@ class RecordedScans(Scans):
 
     def find_times(self, progress: Progress | None = None) -> None:
         """Find the times of all scans now, with progress; otherwise that is done when they are first needed."""
-        if "_index" not in self.__dict__:
-            self.__dict__["_index"] = self._found(progress)
+        self._progress = progress
+        _ = self._index
 
     @cached_property
     def _index(self) -> _Index:
-        return self._found(None)
-
-    def _found(self, progress: Progress | None) -> _Index:
         recorded, times = [], []
         kinds: Counter[str] = Counter()
         for cloud in self.source.clouds():
@@ -76,8 +74,8 @@ class RecordedScans(Scans):
                 kinds[found.kind] += 1
                 offset = 0.0 if self.at_stamp else found.middle
             times.append(cloud.stamp / 1e9 + offset)
-            if progress is not None:
-                progress("finding times", len(times), max(self.source.n_clouds, len(times)))
+            if self._progress is not None:
+                self._progress("finding times", len(times), max(self.source.n_clouds, len(times)))
         if not times:
             raise FileError(f"Expected clouds in {self.source.path}, got none. Was it recorded whole?")
         in_order, rows = np.unique(np.array(times), return_index=True)
