@@ -47,15 +47,6 @@ def test_without_drift_a_pass_moves_as_one_and_without_corrections_not_at_all(se
 
 
 @given(st.integers(0, 1000))
-def test_points_are_moved_as_motions_say(seed):
-    corrections = some_corrections(seed)
-    points, times, passes = some_points(seed, corrections)
-    about, shifts, turns = corrections.motions(times, passes)
-    wanted = about + shifts + Rotation.from_rotvec(turns).apply(points - about)
-    np.testing.assert_allclose(corrections.moved(points, times, passes), wanted, atol=1e-9)
-
-
-@given(st.integers(0, 1000))
 def test_nothing_jumps_at_a_knot(seed):
     corrections = some_corrections(seed)
     points, _, _ = some_points(seed, corrections)

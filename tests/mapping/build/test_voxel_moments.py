@@ -20,6 +20,7 @@ from maxcon.mapping.build.tile_points import (
     VoxelMoments,
     plane_normals,
     point_records,
+    sums_around,
     turn_to_side,
 )
 
@@ -103,6 +104,16 @@ def test_moments_are_sums_whatever_the_parts(seed, n, n_at_once):
     np.testing.assert_array_equal(coarse.counts, wanted.counts)
     np.testing.assert_allclose(coarse.sums, wanted.sums, atol=1e-6)
     np.testing.assert_allclose(coarse.outers, wanted.outers, atol=1e-6)
+
+
+@given(SEEDS, st.integers(1, 200), st.integers(0, 3), st.sampled_from([1, 2, 4]))
+def test_sums_around_are_those_of_the_blocks_near_enough(seed, n, reach, edge):
+    rng = np.random.default_rng(seed)
+    voxels = rng.integers([-4, -4, -30], [TILE_VOXELS + 4, 10, 30], (n, 3)).astype(np.int32)
+    values = rng.integers(0, 5, (n, 2)).astype(float)
+    blocks = voxels // edge
+    is_near = (np.abs(blocks[:, None] - blocks) <= reach).all(axis=2)
+    np.testing.assert_array_equal(sums_around(voxels, values, reach, edge), is_near.astype(float) @ values)
 
 
 @pytest.mark.parametrize("memory_bytes", [0, 3000, 10**9])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from maxcon import PointMap
 from maxcon.mapping.update.evidence import CANDIDATE, Surfaces, SurfacesInReach, initial_evidence, is_hit, is_miss
 from maxcon.mapping.update.observations import UpdateOptions
-from maxcon.mapping.update.ray_kernels import add_observation, are_far_from_voxels, hide_known_surfaces, sum_around
+from maxcon.mapping.update.ray_kernels import add_observation, are_far_from_voxels, hide_known_surfaces
 
 CELL = 0.1
 MARGIN = 0.15
@@ -128,7 +128,7 @@ def test_an_observation_counts_once_however_many_rays_it_has():
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_points_far_from_voxels_and_sums_around(seed):
+def test_points_far_from_voxels(seed):
     rng = np.random.default_rng(seed)
     tiles = random_map(rng)
     within = kept(tiles)
@@ -138,11 +138,6 @@ def test_points_far_from_voxels_and_sums_around(seed):
     are_far_from_voxels(points, 2, CELL, within.table, is_far)
     apart = np.abs(np.floor(points / CELL).astype(int)[:, None] - voxels).max(axis=2)
     np.testing.assert_array_equal(is_far, apart.min(axis=1) > 2)
-    values = rng.integers(0, 5, (len(voxels), 2)).astype(np.float32)
-    sums = np.zeros((10, 2))
-    sum_around(voxels[:10], 3, within.table, values, sums)
-    is_near = np.abs(voxels[:10, None] - voxels).max(axis=2) <= 3
-    np.testing.assert_array_equal(sums, is_near.astype(float) @ values)
 
 
 def test_what_hides_a_wall_or_the_ground_is_told_from_what_hides_nothing():

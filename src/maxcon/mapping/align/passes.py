@@ -257,14 +257,10 @@ class Corrections:
         self, points: NDArray[np.float64], times: NDArray[np.float64], passes: NDArray[np.integer]
     ) -> NDArray[np.float64]:
         """Where points, shape (n, 3), global, m, measured at times, (n,), s, by passes, (n,), lie after correction."""
-        from maxcon.mapping.kernels import move
+        from scipy.spatial.transform import Rotation
 
-        moved = np.empty((len(points), 3))
-        move(
-            np.ascontiguousarray(points, np.float64), np.asarray(times, np.float64), np.asarray(passes, np.int64),
-            self.centres, self.wholes, self.starts, self.steps, self.firsts, self.knot_centres, self.knots, moved,
-        )  # fmt: skip
-        return moved
+        about, shifts, turns = self.motions(times, passes)
+        return np.asarray(about + shifts + Rotation.from_rotvec(turns).apply(points - about))
 
     def twist_at(self, place: NDArray[np.float64], time: float, number: int) -> NDArray[np.float64]:
         """Twist, shape (6,), by which pass `number` moves a place (3,), global, m, that it measured at a time (s)."""

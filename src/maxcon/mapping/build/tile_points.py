@@ -214,31 +214,22 @@ class VoxelMoments:
 
     @classmethod
     def _of_part(cls, records: NDArray[np.void]) -> Self:
-        from maxcon.mapping.kernels import gather_points
-
-        indices = np.column_stack([records["column"], records["layer"]]).astype(np.int32)
-        keys, order, firsts = _grouped(indices)
-        moments = cls._zeros(indices[order[firsts]])
-        inside, side = np.ascontiguousarray(records["inside"]), np.ascontiguousarray(records["side"])
-        gather_points(order, keys, inside, side, moments.counts, moments.sums, moments.outers, moments.sides)
-        return moments
-
-    @classmethod
-    def _zeros(cls, indices: NDArray[np.int32]) -> Self:
-        n = len(indices)
-        return cls(indices, np.zeros(n), np.zeros((n, 3)), np.zeros((n, 6)), np.zeros((n, 3)))
+        indices, voxel = _voxels_of(np.column_stack([records["column"], records["layer"]]).astype(np.int32))
+        n, (x, y, z) = len(indices), records["inside"].T.astype(np.float64)
+        outers = _sums(voxel, n, (one * other for one, other in ((x, x), (x, y), (x, z), (y, y), (y, z), (z, z))))
+        counts = np.bincount(voxel, minlength=n).astype(np.float64)
+        return cls(indices, counts, _sums(voxel, n, (x, y, z)), outers, _sums(voxel, n, records["side"].T))
 
     @classmethod
     def concatenate(cls, parts: Sequence[Self]) -> Self:
         """Moments of all parts; voxels that occur in several are summed."""
-        indices = np.concatenate([part.indices for part in parts])
-        _, order, firsts = _grouped(indices)
+        indices, voxel = _voxels_of(np.concatenate([part.indices for part in parts]))
 
         def total(name: str) -> NDArray[np.float64]:
-            values: NDArray[np.float64] = np.concatenate([getattr(part, name) for part in parts])[order]
-            return np.add.reduceat(values, firsts, axis=0) if len(firsts) else values
+            return _sums(voxel, len(indices), np.concatenate([getattr(part, name) for part in parts]).T)
 
-        return cls(indices[order[firsts]], total("counts"), total("sums"), total("outers"), total("sides"))
+        counts = np.bincount(voxel, np.concatenate([part.counts for part in parts]), len(indices))
+        return cls(indices, counts.astype(np.float64), total("sums"), total("outers"), total("sides"))
 
     def select(self, is_chosen: NDArray[np.bool_], shift: tuple[int, int] = (0, 0)) -> Self:
         """Keep some voxels, with x and y moved by `shift` voxels."""
@@ -251,12 +242,10 @@ class VoxelMoments:
         from maxcon.mapping.kernels import merge_voxels
 
         parents = self.indices >> 1
-        keys, order, firsts = _grouped(parents)
-        merged = self._zeros(parents[order[firsts]])
-        shifts = (self.indices - 2 * parents) * edge
-        merge_voxels(
-            order, keys, shifts, self.counts, self.sums, self.outers, merged.counts, merged.sums, merged.outers
-        )
+        indices, voxel = _voxels_of(parents)
+        n, shifts = len(indices), (self.indices - 2 * parents) * edge
+        merged = type(self)(indices, np.zeros(n), np.zeros((n, 3)), np.zeros((n, 6)), np.zeros((n, 3)))
+        merge_voxels(voxel, shifts, self.counts, self.sums, self.outers, merged.counts, merged.sums, merged.outers)
         return merged
 
 
@@ -266,11 +255,31 @@ def voxel_keys(indices: NDArray[np.int32]) -> NDArray[np.int64]:
     return np.asarray(z * LAYER + (y + PADDING) * ROW + (x + PADDING))
 
 
-def _grouped(indices: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]]:
-    """Keys of voxels, their order by keys, and where in that order each voxel begins."""
-    keys = voxel_keys(indices)
-    order = np.argsort(keys, kind="stable")
-    return keys, order, np.flatnonzero(np.diff(keys[order], prepend=-(2**62)))
+def _voxels_of(indices: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
+    """Indices of the voxels that occur, by ascending (z, y, x), and the number of each row's among them."""
+    _, first, voxel = np.unique(voxel_keys(indices), return_index=True, return_inverse=True)
+    return indices[first], voxel
+
+
+def _sums(group: NDArray[np.intp], n: int, columns: Iterable[NDArray[np.floating]]) -> NDArray[np.float64]:
+    """Sums of columns, of shape (m,) each, over the rows of each of n groups, shape (n, columns)."""
+    return np.column_stack([np.bincount(group, column, n) for column in columns])
+
+
+def sums_around(
+    indices: NDArray[np.int32], values: NDArray[np.float64], reach: int, edge: int = 1
+) -> NDArray[np.float64]:
+    """Sums of values, shape (n, m), over the (2 reach + 1)^3 blocks around that of each voxel, shape (n, m).
+
+    `indices`: of the voxels of a tile with its halo; `edge`: of a block, in voxels.
+    """
+    from maxcon.mapping.kernels import sums_near
+
+    blocks, block = np.unique(voxel_keys(indices // edge), return_inverse=True)
+    of_blocks = _sums(block, len(blocks), values.T)
+    totals = np.zeros_like(of_blocks)
+    sums_near(blocks, of_blocks, ROW, LAYER, reach, totals)
+    return np.asarray(totals[block])
 
 
 def plane_normals(moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -328,16 +337,11 @@ def turn_to_side(normals: NDArray[np.float64], sides: NDArray[np.float64]) -> ND
 
 def is_vegetation(moments: VoxelMoments, cell: float) -> NDArray[np.bool_]:
     """Which voxels of a tile with its halo, without the ground, are vegetation: points scatter in all directions."""
-    from maxcon.mapping.kernels import sums_near
-
     n_coarser = max(0, round(math.log2(SHAPE_EDGE / cell)))
     level, edge, place = next(islice(_levels(moments, cell), n_coarser, None))
     values, _ = _planes(level, edge, np.ones(len(level), bool))
-    blocks, block_of_voxel = np.unique(voxel_keys(level.indices >> 1), return_inverse=True)
     is_known = values[:, 2] > 0.0
     is_scattered = np.divide(values[:, 0], values[:, 2], out=np.zeros(len(level)), where=is_known) > SCATTERED
-    counted = np.column_stack([np.bincount(block_of_voxel, flags, len(blocks)) for flags in (is_scattered, is_known)])
-    totals = np.zeros_like(counted)
-    sums_near(blocks, counted, ROW, LAYER, REACH, totals)
-    is_green = (totals[:, 1] > 0.0) & (totals[:, 0] >= LEAST_SCATTERED * totals[:, 1])
-    return np.asarray(is_green[block_of_voxel][place])
+    n_scattered, n_known = sums_around(level.indices, np.column_stack([is_scattered, is_known]), REACH, edge=2).T
+    is_green = (n_known > 0.0) & (n_scattered >= LEAST_SCATTERED * n_known)
+    return np.asarray(is_green[place])

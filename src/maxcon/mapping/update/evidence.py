@@ -34,14 +34,13 @@ from maxcon.map.layout import SurfaceClass
 from maxcon.map.tile import voxel_table
 from maxcon.map.voxelize import tile_of_voxels
 from maxcon.mapping.build.tile_points import (
-    LAYER,
     POINT,
-    ROW,
     TileArrays,
     TileBuckets,
     VoxelMoments,
     plane_normals,
     point_records,
+    sums_around,
     turn_to_side,
 )
 from maxcon.mapping.build.tiles import voxel_tile
@@ -310,12 +309,9 @@ def _candidates_of_tile(
     buckets: TileBuckets, key: TileKey, cell: float, options: UpdateOptions, *, is_signed: bool
 ) -> VoxelTile:
     """Return the voxels of a tile that have at least `least_looks` unknown points in and around them."""
-    from maxcon.mapping.kernels import sums_near
-
     moments = VoxelMoments.from_records(buckets.records(key))
-    n_around = np.zeros((len(moments), 1))
-    sums_near(moments.keys, moments.counts[:, None], ROW, LAYER, 1, n_around)
-    moments = moments.select(n_around[:, 0] >= options.least_looks)
+    (n_around,) = sums_around(moments.indices, moments.counts[:, None], 1).T
+    moments = moments.select(n_around >= options.least_looks)
     fitted = plane_normals(moments, cell, np.ones(len(moments), bool))
     normals = turn_to_side(fitted, moments.sides) if is_signed else fitted
     return voxel_tile(key, moments, normals.astype(np.float32), cell)

@@ -13,13 +13,6 @@ from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
 
 
-@njit(nogil=True, cache=True, inline="always")  # a call that hands a table on costs more than the look-up
-def _place_of_voxel(x, y, z, table):
-    """Place of a voxel in the arrays of all voxels; -1 if it is not held."""
-    patch = find_patch(x, y, z, table)
-    return find_in_patch(x, y, patch, table) if patch >= 0 else -1
-
-
 @njit(nogil=True, cache=True)
 def _is_miss(origin, along, length, plane, voxel, cell, margin, least_cosine, reach):
     """Whether a ray saw through the surface in a voxel: `evidence.is_miss` for one of them."""
@@ -63,10 +56,15 @@ def _mark_hits(end, scan, cell, weights, table, evidence):
     x0 = np.int64(np.floor(end[0] / cell))
     y0 = np.int64(np.floor(end[1] / cell))
     z0 = np.int64(np.floor(end[2] / cell))
+    here_x = here_y = here_z = np.int64(-(2**40))  # of the patch looked up last
+    patch = np.int64(-1)
     for z in range(z0 - 1, z0 + 2):
         for y in range(y0 - 1, y0 + 2):
             for x in range(x0 - 1, x0 + 2):
-                k = _place_of_voxel(x, y, z, table)
+                if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != here_z:
+                    here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
+                    patch = find_patch(x, y, z, table)
+                k = find_in_patch(x, y, patch, table) if patch >= 0 else -1
                 if k >= 0 and seen_in[k] != scan:
                     seen_in[k] = scan
                     n_hits[k] += 1
@@ -152,10 +150,15 @@ def _is_far(point, reach, cell, table):
     if not is_near_voxels(place, reaches, table):
         return True
     x0, y0, z0 = np.int64(np.floor(place[0])), np.int64(np.floor(place[1])), np.int64(np.floor(place[2]))
+    here_x = here_y = here_z = np.int64(-(2**40))
+    patch = np.int64(-1)
     for z in range(z0 - reach, z0 + reach + 1):
         for y in range(y0 - reach, y0 + reach + 1):
             for x in range(x0 - reach, x0 + reach + 1):
-                if _place_of_voxel(x, y, z, table) >= 0:
+                if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != here_z:
+                    here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
+                    patch = find_patch(x, y, z, table)
+                if patch >= 0 and find_in_patch(x, y, patch, table) >= 0:
                     return False
     return True
 
@@ -203,19 +206,3 @@ def hide_known_surfaces(origin, ends, clearance, most, cell, table, heights, fir
             if is_hiding[i] or (patch >= 0 and find_in_patch(vx, vy, patch, table) >= 0):
                 is_hiding[i] = True
                 break
-
-
-@njit(nogil=True, cache=True)
-def sum_around(voxels, reach, table, values, sums):
-    """Sum the values of the voxels within `reach` voxels, along each axis, of each of some voxels and of itself.
-
-    voxels : (n, 3) int32; values : (m, c) float32, of all voxels; sums : (n, c) float64, zeroed, out.
-    """
-    for i in range(voxels.shape[0]):
-        for z in range(voxels[i, 2] - reach, voxels[i, 2] + reach + 1):
-            for y in range(voxels[i, 1] - reach, voxels[i, 1] + reach + 1):
-                for x in range(voxels[i, 0] - reach, voxels[i, 0] + reach + 1):
-                    k = _place_of_voxel(x, y, z, table)
-                    if k >= 0:
-                        for c in range(values.shape[1]):
-                            sums[i, c] += values[k, c]

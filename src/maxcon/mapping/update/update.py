@@ -24,12 +24,13 @@ from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.version import __version__
 from maxcon.errors import MapError, OptionError
-from maxcon.map import PointMap, TileKey
+from maxcon.map import TILE_VOXELS, PointMap, TileKey
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import CLASSES, GROUND, MAP_NAMES, TILES, Manifest, read_manifest
 from maxcon.map.storage import MapStorage, open_storage
 from maxcon.map.store import MapWriter, Section, classes_record, tile_record
-from maxcon.mapping.update.evidence import CANDIDATE, SurfaceFiles, Surfaces, SurfacesInReach, gather_evidence
+from maxcon.mapping.build.tile_points import sums_around
+from maxcon.mapping.update.evidence import CANDIDATE, EVIDENCE, Evidence, SurfaceFiles, Surfaces, gather_evidence
 from maxcon.mapping.update.observations import LocalizedDrive, Observation, UpdateOptions, observations_of
 
 CACHE_BYTES = 2**29
@@ -171,84 +172,65 @@ def classify(
     """Yield each tile with the class of each voxel, `CANDIDATE` for a candidate that is not new."""
     keys = sorted(files.n_voxels)
     times, drives = (np.array([getattr(each, name) for each in observations]) for name in ("time", "drive"))
-
-    def around(key: TileKey) -> list[TileKey]:
-        """Keys of a tile and of those around it that there are."""
-        near = {(key[0] + dx, key[1] + dy) for dx, dy in product(AROUND, AROUND)} & files.n_voxels.keys()
-        return [key, *sorted(near - {key})]
-
     load = lru_cache(CACHED_TILES)(files.load)
+    load_found = lru_cache(CACHED_TILES)(lambda key: files.arrays.get(key, "found")["classes"])
+
+    def within(key: TileKey) -> tuple[NDArray[np.int32], list[tuple[TileKey, NDArray[np.intp]]]]:
+        """Indices of the voxels of a tile and of those around it, from its corner, and their rows in each tile."""
+        near = {(key[0] + dx, key[1] + dy) for dx, dy in product(AROUND, AROUND)} & files.n_voxels.keys()
+        indices, parts = list[NDArray[np.int32]](), list[tuple[TileKey, NDArray[np.intp]]]()
+        for each in (key, *sorted(near - {key})):
+            columns = load(each).tile.voxels - np.array([*load(key).tile.corner, 0], np.int32)
+            is_near = ((columns[:, :2] >= -CUBE) & (columns[:, :2] < TILE_VOXELS + CUBE)).all(axis=1)
+            parts.append((each, np.flatnonzero(is_near)))
+            indices.append(columns[is_near])
+        return np.concatenate(indices), parts
+
     for key in keys:
-        first = _first_classes([load(each) for each in around(key)], times, drives, options)
-        files.arrays.put(key, "classes", classes=first)
-    load_classes = lru_cache(CACHED_TILES)(lambda key: files.arrays.get(key, "classes")["classes"])
+        indices, parts = within(key)
+        classes = np.concatenate([load(each).classes[rows] for each, rows in parts])
+        evidence = {
+            name: np.concatenate([load(each).evidence[name][rows] for each, rows in parts]) for name in EVIDENCE
+        }
+        found = _first_classes(indices, classes, evidence, times, drives, options)
+        files.arrays.put(key, "found", classes=found[: len(load(key).tile)])
     for key in keys:
-        within = [load(each) for each in around(key)]
-        yield within[0], _final_classes(within, [load_classes(each) for each in around(key)], options)
+        indices, parts = within(key)
+        found = np.concatenate([load_found(each)[rows] for each, rows in parts])
+        yield load(key), _final_classes(indices, load(key).classes, found, options)
 
 
 def _first_classes(
-    around: Sequence[Surfaces], times: NDArray[np.float64], drives: NDArray[np.int64], options: UpdateOptions
-) -> NDArray[np.uint8]:
-    """Class each voxel of the first tile, from its own evidence and that of its neighbourhood."""
-    from maxcon.mapping.update.ray_kernels import sum_around
-
-    within = SurfacesInReach(around)
-    log_odds, n_hits, n_misses = (within.evidence[name] for name in ("log_odds", "n_hits", "n_misses"))
-    classes = np.concatenate([each.classes for each in around])
+    indices: NDArray[np.int32], classes: NDArray[np.uint8], evidence: Evidence, times: NDArray[np.float64],
+    drives: NDArray[np.int64], options: UpdateOptions,
+) -> NDArray[np.uint8]:  # fmt: skip
+    """Class each voxel of a tile and its halo, from its own evidence and that of its neighbourhood."""
+    log_odds, n_hits, n_misses = evidence["log_odds"], evidence["n_hits"], evidence["n_misses"]
     is_candidate = (classes == CANDIDATE) | (classes == SurfaceClass.GONE)
     is_missed = ~is_candidate & (log_odds <= options.gone_at) & (n_misses >= options.least_looks)
     is_new = is_candidate & (log_odds >= options.new_at) & (n_hits >= options.least_looks)
-    first, last = within.evidence["hit_in"].T
+    first, last = evidence["hit_in"].T
     is_lasting = (np.abs(times[last] - times[first]) >= options.least_time) | (drives[last] != drives[first])
     is_new &= (first >= 0) & is_lasting
     is_hit = ~is_candidate & (log_odds > options.start)  # more often than it was missed
-    own = slice(0, len(around[0].tile))
-    found = np.where(is_hit, HIT, UNTOUCHED).astype(np.uint8)[own]
-    rows = np.flatnonzero((is_missed | is_new)[own])
-    of_map = np.where(is_candidate, 0, 1)
+    of_map = ~is_candidate
     values = np.column_stack([is_missed, is_new, of_map * n_misses, of_map * n_hits])
-    sums, voxels = np.zeros((len(rows), 4)), np.ascontiguousarray(around[0].tile.voxels[rows])
-    sum_around(voxels, NEIGHBOURHOOD, within.table, values.astype(np.float32), sums)
-    n_missed, n_new, misses, hits = sums.T
+    n_missed, n_new, misses, hits = sums_around(indices, values, NEIGHBOURHOOD).T
     ratio = misses / np.maximum(misses + hits, 1.0)
-    is_gone = is_missed[rows] & (n_missed >= options.least_voxels) & (ratio >= options.least_share)
-    found[rows[is_gone]] = MISSED
-    found[rows[is_new[rows] & (n_new >= options.least_voxels)]] = NEW
+    found = np.where(is_hit, HIT, UNTOUCHED).astype(np.uint8)
+    found[is_missed & (n_missed >= options.least_voxels) & (ratio >= options.least_share)] = MISSED
+    found[is_new & (n_new >= options.least_voxels)] = NEW
     return found
 
 
 def _final_classes(
-    around: Sequence[Surfaces], found: Sequence[NDArray[np.uint8]], options: UpdateOptions
+    indices: NDArray[np.int32], before: NDArray[np.uint8], found: NDArray[np.uint8], options: UpdateOptions
 ) -> NDArray[np.uint8]:
-    """Classes of the voxels of the first tile; untouched ones go with those that are gone around them."""
-    own, classes = found[0], around[0].classes.copy()
-    rows = np.flatnonzero((own == UNTOUCHED) & (classes != CANDIDATE) & (classes != SurfaceClass.GONE))
-    voxels = around[0].tile.voxels[rows]
-    n_gone, n_hit = (_n_in_cubes(around, found, which, voxels) for which in (MISSED, HIT))
-    is_gone = own == MISSED
-    is_gone[rows[(n_gone >= options.least_voxels) & (n_gone >= n_hit)]] = True
-    classes[is_gone] = SurfaceClass.GONE
+    """Classes of the voxels of a tile, which come first; untouched ones go with those that are gone around them."""
+    counted = sums_around(indices, np.column_stack([found == MISSED, found == HIT]), 1, edge=CUBE)
+    n_gone, n_hit = counted[: len(before)].T
+    own, classes = found[: len(before)], before.copy()
+    goes_along = (n_gone >= options.least_voxels) & (n_gone >= n_hit) & (own == UNTOUCHED) & (before != CANDIDATE)
+    classes[(own == MISSED) | goes_along] = SurfaceClass.GONE
     classes[own == NEW] = SurfaceClass.NEW
     return classes
-
-
-def _n_in_cubes(
-    around: Sequence[Surfaces], found: Sequence[NDArray[np.uint8]], which: int, voxels: NDArray[np.int32]
-) -> NDArray[np.int64]:
-    """How many voxels of one first class lie in the cube of each of some voxels and in the 26 around it."""
-    chosen = np.concatenate([each.tile.voxels[one == which] for each, one in zip(around, found, strict=True)])
-    cubes, counts = np.unique(_numbers(chosen // CUBE), return_counts=True)
-    own, cube_of_voxel = np.unique(voxels // CUBE, axis=0, return_inverse=True)
-    total = np.zeros(len(own), np.int64)
-    for step in product(AROUND, repeat=3) if len(cubes) else ():
-        wanted = _numbers(own + np.array(step, np.int32))
-        place = np.minimum(np.searchsorted(cubes, wanted), len(cubes) - 1)
-        total += np.where(cubes[place] == wanted, counts[place], 0)
-    return total[cube_of_voxel.reshape(-1)]
-
-
-def _numbers(cubes: NDArray[np.integer]) -> NDArray[np.int64]:
-    """One number for each cube."""
-    x, y, z = cubes.astype(np.int64).T
-    return np.asarray(((x & 0x1FFFFF) << 42) | ((y & 0x1FFFFF) << 21) | (z & 0x1FFFFF))
