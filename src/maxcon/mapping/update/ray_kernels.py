@@ -56,7 +56,7 @@ def _mark_hits(end, scan, cell, weights, table, evidence):
     x0 = np.int64(np.floor(end[0] / cell))
     y0 = np.int64(np.floor(end[1] / cell))
     z0 = np.int64(np.floor(end[2] / cell))
-    here_x = here_y = here_z = np.int64(-(2**40))  # of the patch looked up last
+    here_x = here_y = here_z = -(2**40)  # of the patch looked up last
     patch = np.int64(-1)
     for z in range(z0 - 1, z0 + 2):
         for y in range(y0 - 1, y0 + 2):
@@ -150,7 +150,7 @@ def _is_far(point, reach, cell, table):
     if not is_near_voxels(place, reaches, table):
         return True
     x0, y0, z0 = np.int64(np.floor(place[0])), np.int64(np.floor(place[1])), np.int64(np.floor(place[2]))
-    here_x = here_y = here_z = np.int64(-(2**40))
+    here_x = here_y = here_z = -(2**40)
     patch = np.int64(-1)
     for z in range(z0 - reach, z0 + reach + 1):
         for y in range(y0 - reach, y0 + reach + 1):
