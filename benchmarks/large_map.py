@@ -48,10 +48,8 @@ def write(out, maps, n_blocks):
                     moved = (record.key[0] - int(low[0]) + BLOCK[0] * x, record.key[1] - int(low[1]) + BLOCK[1] * y)
                     if moved[0] < BLOCK[0] * (x + 1) and moved[1] < BLOCK[1] * (y + 1):
                         writer.put(replace(record, key=moved))
-        written = writer.finish(
-            cell=first.cell, origin=(0.0, 0.0, 0.0), crs=first.crs, is_signed=first.is_signed,
-            sigma=first.sigma, build={"program": "benchmarks/large_map.py"},
-        )  # fmt: skip
+        build = {"program": "benchmarks/large_map.py"}
+        written = writer.finish(replace(first, origin=(0.0, 0.0, 0.0), build=build))
     seconds = time.perf_counter() - start
     area = n_blocks**2 * BLOCK[0] * BLOCK[1] * edge**2 / 1e6
     n_bytes = sum(file.n_bytes for table in written.sections.values() for file in table.files)

@@ -25,7 +25,7 @@ def write(folder, point_map, *, shard_bytes=SHARD_BYTES, records=(), **said) -> 
             writer.put(ground_record(ground.load(key)))
         for record in records:
             writer.put(record)
-        return writer.finish(**{"cell": point_map.cell, **SAID, **said})
+        return writer.finish(Manifest(**{"cell": point_map.cell, "sections": {}, **SAID, **said}))
 
 
 def said_by(manifest):

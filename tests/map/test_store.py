@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import MapError
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
-from maxcon.map.manifest import read_manifest
+from maxcon.map.manifest import Manifest, read_manifest
 from maxcon.map.store import MapWriter, classes_record, tile_record
 from maxcon.search import exhaustive
 from written_maps import SAID, assert_same_map, said_by, tile_shard, write
@@ -134,7 +134,7 @@ def test_voxels_in_another_order_are_refused(tmp_path, in_memory):
     tile = in_memory.tile(min(in_memory.tile_keys))
     with MapWriter(tmp_path) as writer:
         writer.put(tile_record(tile.rows(np.arange(len(tile))[::-1])))
-        writer.finish(cell=CELL, **SAID)
+        writer.finish(Manifest(cell=CELL, sections={}, **SAID))
     with pytest.raises(MapError, match="in the order of the search, got another"):
         PointMap.open(tmp_path).tile(tile.key)
 

@@ -287,6 +287,18 @@ def _begin_worker() -> None:
 # --- in order -------------------------------------------------------------------------------------------------
 
 
+def in_threads(work: Callable[[TaskT], ResultT], items: Iterable[TaskT], n_threads: int) -> Iterator[ResultT]:
+    """Yield what threads of this process make of each item, in their order; with one thread, this one makes it."""
+    if n_threads == 1:
+        yield from map(work, items)
+        return
+    pool = ThreadPoolExecutor(n_threads)
+    try:
+        yield from ordered_map(pool, work, items, 2 * n_threads)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
 def ordered_map(
     pool: ThreadPoolExecutor, work: Callable[[TaskT], ResultT], items: Iterable[TaskT], n_ahead: int
 ) -> Iterator[ResultT]:

@@ -20,10 +20,12 @@ LEAST_SHARE = 0.1
 """A level has at least this share of the points of the fullest one of its cell: a stray point is none."""
 
 
-def ground_voxels(cell: float) -> int:
-    """How many voxels of edge `cell` (m) make the edge of a cell of the ground grid; 8 at 6 cm."""
-    power = round(math.log2(GROUND_EDGE / cell))
-    return int(2 ** min(max(power, 0), TILE_VOXELS.bit_length() - 1))
+def ground_voxels(cell: float, edge: float = GROUND_EDGE) -> int:
+    """How many voxels of edge `cell` (m) make the edge of a cell of the ground grid, or of one of another `edge` (m).
+
+    A power of two: 8 at 6 cm.
+    """
+    return int(2 ** min(max(round(math.log2(edge / cell)), 0), TILE_VOXELS.bit_length() - 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +73,21 @@ def _stack_levels(cells: NDArray[np.integer], heights: NDArray[np.floating], n: 
     return stacked.reshape(-1, n, n)
 
 
+def levels_of_points(
+    columns: NDArray[np.integer], heights: NDArray[np.floating], n: int, gap: float
+) -> tuple[NDArray[np.int64], NDArray[np.floating], NDArray[np.int64]]:
+    """Cell y * n + x, median height (m) and number of points of each level of each cell, ascending; as below.
+
+    gap: points that are farther above others of their cell are of the next level, m.
+    """
+    cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]
+    order = np.lexsort((heights, cells))
+    cells, heights = cells[order], heights[order]
+    starts = np.flatnonzero((np.diff(cells, prepend=-1) != 0) | (np.diff(heights, prepend=0.0) > gap))
+    counts = np.diff(starts, append=len(cells))
+    return cells[starts], heights[starts + (counts - 1) // 2], counts
+
+
 def ground_of_points(columns: NDArray[np.integer], heights: NDArray[np.floating], n: int) -> NDArray[np.float32]:
     """Heights of the ground by (level, y, x), m: the median of the points of each level of each cell.
 
@@ -78,13 +95,7 @@ def ground_of_points(columns: NDArray[np.integer], heights: NDArray[np.floating]
     heights: shape (m,); its height, m.
     n: cells along an edge of the tile.
     """
-    cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]
-    order = np.lexsort((heights, cells))
-    cells, heights = cells[order], heights[order]
-    is_new_cell = np.diff(cells, prepend=-1) != 0
-    starts = np.flatnonzero(is_new_cell | (np.diff(heights, prepend=0.0) > HEADROOM))
-    counts = np.diff(starts, append=len(cells))
-    cells, medians = cells[starts], heights[starts + (counts - 1) // 2]
+    cells, medians, counts = levels_of_points(columns, heights, n, HEADROOM)
     fullest = np.zeros(n * n, np.int64)
     np.maximum.at(fullest, cells, counts)
     is_level = counts >= LEAST_SHARE * fullest[cells]

@@ -6,7 +6,6 @@ Every request has a time-out: a server that is gone is an error in a line, never
 """
 
 import errno
-import mmap
 import os
 import re
 import threading
@@ -14,7 +13,6 @@ import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from datetime import timedelta
 from functools import cached_property
 from pathlib import Path
@@ -27,8 +25,6 @@ ADDRESS = re.compile(r"(s3|https?):/{1,2}(?=[^/])")
 """How an address begins; a `Path` of one has lost a slash."""
 ANY_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/(/|$)|(s3|https?|gs|ftp|file):(/|$)")
 """How names begin that mean an address of any kind, not a folder."""
-LARGE_PAGE = 2**21
-"""Bytes of a large page, asked for from this size on."""
 PREFETCH_THREADS = 8
 MAX_PREFETCH_BYTES = 2**26
 """Most bytes of records that are fetched ahead of their use; the oldest are given up first."""
@@ -92,19 +88,11 @@ class Folder:
         return read_regular(self._path / name, max_bytes)
 
     def read_range(self, wanted: ByteRange) -> memoryview:
-        """Return some bytes of a file, in memory of their own; fewer where the file ends before.
-
-        The memory has large pages where the system has them: it takes half the time to get.
-        """
+        """Return some bytes of a file, in memory of their own; fewer where the file ends before."""
         with open_regular(self._path / wanted.name) as file:
-            length = max(min(wanted.length, os.fstat(file.fileno()).st_size - wanted.offset), 0)
-            memory = mmap.mmap(-1, max(length, 1))
-            if length >= LARGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE"):
-                with suppress(OSError):
-                    memory.madvise(mmap.MADV_HUGEPAGE)
-            content = memoryview(memory)[:length]
+            left = os.fstat(file.fileno()).st_size - wanted.offset  # no more memory than there are bytes
             file.seek(wanted.offset)
-            return content[: file.readinto(content)]
+            return memoryview(file.read(max(min(wanted.length, left), 0)))
 
     def prefetch(self, ranges: Iterable[ByteRange]) -> None:
         """Do nothing: files of this machine need no fetching ahead."""

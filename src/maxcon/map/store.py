@@ -8,8 +8,8 @@ compressed with LZ4 (docs/map_format.md). Records do not depend on the thread or
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO, Self
@@ -214,20 +214,11 @@ class MapWriter:
             self._sections[record.section] = _SectionWriter(self._folder, record, self._shard_bytes)
         self._sections[record.section].put(record)
 
-    def finish(
-        self,
-        *,
-        cell: float,
-        origin: tuple[float, float, float],
-        crs: str | None,
-        is_signed: bool,
-        sigma: float,
-        build: Mapping[str, Any],
-    ) -> Manifest:
-        """Complete the shards, write their indices and the manifest, and return it; see `Manifest` for what it says."""
+    def finish(self, manifest: Manifest) -> Manifest:
+        """Complete the shards, write their indices and a manifest that names them and says the same; return that."""
         sections = {TILES: ShardTable(), GROUND: ShardTable()}
         sections |= {name: section.finish() for name, section in self._sections.items()}
-        manifest = Manifest(cell, origin, crs, is_signed, sections, build, sigma)
+        manifest = replace(manifest, sections=sections, sha256="")
         write_manifest(self._folder, manifest)
         return manifest
 
@@ -313,10 +304,7 @@ def copy_map(
         with atomic_folder(target, overwrite=overwrite) as folder, MapWriter(folder) as writer:
             for record in _records(storage, manifest, "copying tiles", report):
                 writer.put(record)
-            return writer.finish(
-                cell=manifest.cell, origin=manifest.origin, crs=manifest.crs, is_signed=manifest.is_signed,
-                sigma=manifest.sigma, build=manifest.build,
-            )  # fmt: skip
+            return writer.finish(manifest)
     for _ in _records(storage, manifest, "checking tiles", report):
         pass
     _publish(Path(source), manifest, address, overwrite, report)

@@ -7,7 +7,6 @@ import os
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from glob import escape
 from itertools import chain, compress
@@ -18,6 +17,7 @@ import numpy as np
 
 from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
+from maxcon._system.engine import in_threads
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.io.clouds import CloudHeader
 from maxcon.io.clouds.laz import laz_as_os_error
@@ -41,7 +41,6 @@ DEFAULT_DROP = ("vegetation", "noise", "temporal-exclusion")
 MOST_THREADS = 4  # by default; each thread holds the points of a place, some 0.4 GiB
 N_MATCHINGS = 2  # how often all visits are matched: from corrected poses more points find a partner
 
-ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
 
 
@@ -115,15 +114,21 @@ def align(
         """Match the visits to a place, from where the corrections put them."""
         return match_visits(places.middle(key), Visit.from_arrays(visits.get(key, "visits")), corrections)
 
+    def at_places(work: Callable[[TileKey], ResultT], keys: Sequence[TileKey], step: str) -> list[ResultT]:
+        """Do the work at each place, several at a time; return the results in the order of the places."""
+        results = []
+        for result in in_threads(work, keys, n_threads):
+            results.append(result)
+            report(step, len(results), len(keys))
+        return results
+
     keys = places.buckets.keys
-    are_matched = _in_threads(gather, keys, n_threads, "thinning", report)
-    keys = list(compress(keys, are_matched))
+    keys = list(compress(keys, at_places(gather, keys, "thinning")))
     drift_sigma = options.drift_sigma
     if drift_sigma is None and all(each.end - each.start <= options.knot_spacing for each in passes):
         drift_sigma = 0.0  # also of passes without times
     for _ in range(N_MATCHINGS):
-        found = _in_threads(match, keys, n_threads, "matching", report)
-        matched = list(chain.from_iterable(found))
+        matched = list(chain.from_iterable(at_places(match, keys, "matching")))
         constraints = [constraint for constraint in matched if not constraint.fault]
         if not constraints:
             raise _nothing_matched(passes, matched)
@@ -225,22 +230,6 @@ def _sort_into_places(
             report("sorting points", n_done, n_total)
     places.buckets.complete()
     return places
-
-
-def _in_threads(
-    work: Callable[[ItemT], ResultT], items: Sequence[ItemT], n_threads: int, step: str, report: Progress
-) -> list[ResultT]:
-    """Call a function with each item, several at a time; return its results in the order of the items."""
-    results = []
-    with ThreadPoolExecutor(n_threads) as pool:
-        try:
-            for result in pool.map(work, items):
-                results.append(result)
-                report(step, len(results), len(items))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return results
 
 
 def _nothing_matched(passes: Passes, matched: Sequence[Constraint]) -> MapError:

@@ -106,9 +106,7 @@ def build_map(
             if finds_classes:
                 build["found"] = describe_found(found, drop, has_times=bool(buckets.observations.keys))
             rmtree(buckets.folder)
-            return writer.finish(
-                cell=options.cell, origin=buckets.origin, crs=crs, is_signed=is_signed, sigma=sigma, build=build
-            )
+            return writer.finish(Manifest(options.cell, buckets.origin, crs, is_signed, {}, build, sigma))
 
 
 def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None:

@@ -107,7 +107,7 @@ def _are_temporary(
     key: TileKey, cell: float,
 ) -> tuple[NDArray[np.bool_], int]:  # fmt: skip
     """Which voxels of a tile are temporary, and how many points lie where several passes saw the ground."""
-    edge = block_voxels(cell)
+    edge = ground_voxels(cell, BLOCK_EDGE)
     n = TILE_VOXELS // edge
     halo = min(NEIGHBOUR_VOXELS // edge, n)
     seen = _observed_around(observed, key, n, halo)
@@ -150,12 +150,6 @@ def _steps_above(layers: NDArray[np.integer], first: NDArray[np.float64]) -> NDA
     return np.where(np.isfinite(first), layers - np.nan_to_num(first), -2.0).astype(np.int64)
 
 
-def block_voxels(cell: float) -> int:
-    """How many voxels of edge `cell` (m) make the edge of a block; 4 at 6 cm."""
-    power = round(math.log2(BLOCK_EDGE / cell))
-    return int(2 ** min(max(power, 0), TILE_VOXELS.bit_length() - 1))
-
-
 def observation_records(
     points: NDArray[np.float64], times: NDArray[np.float64], cell: float
 ) -> tuple[NDArray[np.int32], NDArray[np.void]]:
@@ -164,7 +158,7 @@ def observation_records(
     `points` (n, 3): local frame, m; `times` (n,): s; points without a finite one are left out.
     """
     is_timed = np.isfinite(times)
-    edge = block_voxels(cell)
+    edge = ground_voxels(cell, BLOCK_EDGE)
     n = TILE_VOXELS // edge
     blocks, stretches = voxel_indices(points[is_timed], cell) // edge, np.floor(times[is_timed] / STRETCH)
     first = _first_of_each(blocks, stretches)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS, TileKey, VoxelTile
-from maxcon.map.ground import GroundTile, ground_voxels
+from maxcon.map.ground import GroundTile, ground_voxels, levels_of_points
 from maxcon.mapping.build.tile_points import VoxelMoments
 
 LEAST_VOXELS = 3  # fewest voxels of a surface in a cell of the ground grid: a stray point is none
@@ -53,18 +53,11 @@ def level_surfaces(tile: VoxelTile, cell: float) -> NDArray[np.float32]:
     """Height of the lowest level surface in each cell of a tile, shape (n, n), m; NaN where there is none."""
     edge, n = ground_voxels(cell), TILE_VOXELS // ground_voxels(cell)
     is_level = np.abs(tile.normals[:, 2]) >= LEVEL
-    columns = tile.columns[is_level] // edge
-    heights = tile.mean_points(cell)[is_level, 2]
-    cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]
-    order = np.lexsort((heights, cells))
-    cells, heights = cells[order], heights[order]
-    is_first = (np.diff(cells, prepend=-1) != 0) | (np.diff(heights, prepend=0.0) > SURFACE_DEPTH)
-    starts = np.flatnonzero(is_first)
-    counts = np.diff(starts, append=len(cells))
+    columns, heights = tile.columns[is_level] // edge, tile.mean_points(cell)[is_level, 2]
+    cells, medians, counts = levels_of_points(columns, heights, n, SURFACE_DEPTH)
     is_surface = counts >= LEAST_VOXELS
-    places, medians = cells[starts[is_surface]], heights[(starts + (counts - 1) // 2)[is_surface]]
     lowest = np.full(n * n, np.nan, np.float32)
-    lowest[places[::-1]] = medians[::-1]  # the lowest of a cell comes first: it is written last
+    lowest[cells[is_surface][::-1]] = medians[is_surface][::-1]  # the lowest of a cell comes first: it is written last
     return lowest.reshape(n, n)
 
 

@@ -3,7 +3,6 @@
 """Tiles of a map made from sorted points, step by step: by threads of this process, or by the workers of an engine."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.atomic import atomic_file
-from maxcon._system.engine import Engine, in_order_of, ordered_map
+from maxcon._system.engine import Engine, in_order_of, in_threads
 from maxcon.errors import MapError
 from maxcon.map import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.map.store import Record, tile_record
@@ -210,15 +209,7 @@ def voxel_tile(key: TileKey, moments: VoxelMoments, normals: NDArray[np.float32]
 def by_threads(job: TileJob, points: TileBuckets, observations: TileBuckets, n_threads: int) -> Iterator[TileSteps]:
     """Yield what lets threads of this process make tiles; data stays in memory as far as it fits."""
     do = TileMaker(job, points, observations, memory_bytes=MEMORY_BYTES).steps
-    if n_threads == 1:
-        yield lambda step, keys: map(do[step], keys)
-        return
-    with ThreadPoolExecutor(n_threads) as pool:
-        try:
-            yield lambda step, keys: ordered_map(pool, do[step], keys, 2 * n_threads)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    yield lambda step, keys: in_threads(do[step], keys, n_threads)
 
 
 @contextmanager

@@ -98,14 +98,8 @@ def update_map(
                 "options": asdict(options),
                 **counts,
             }
-            return writer.finish(
-                cell=manifest.cell,
-                origin=manifest.origin,
-                crs=manifest.crs,
-                is_signed=manifest.is_signed,
-                sigma=manifest.sigma,
-                build={**manifest.build, "updates": [*manifest.build.get("updates", []), update]},
-            )
+            updates = [*manifest.build.get("updates", []), update]
+            return writer.finish(replace(manifest, build={**manifest.build, "updates": updates}))
 
 
 def _write_tiles(
