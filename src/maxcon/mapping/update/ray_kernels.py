@@ -103,12 +103,10 @@ def _walk(origin, end, scan, cell, margin, least_cosine, reach, weights, table, 
     y, step_y, to_y, every_y = _first_border(start[1], along[1], cell)
     z, step_z, to_z, every_z = _first_border(start[2], along[2], cell)
     stop = min(length - margin, reach)
-    patch = find_patch(x, y, z, table)
-    here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
+    patch, is_another = np.int64(-1), True
     at = 0.0
     while at <= stop:
-        if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != here_z:
-            here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
+        if is_another:
             patch = find_patch(x, y, z, table)
         if patch >= 0:
             k = find_in_patch(x, y, patch, table)
@@ -120,11 +118,13 @@ def _walk(origin, end, scan, cell, margin, least_cosine, reach, weights, table, 
                 n_misses[k] += 1
                 _add(k, miss, lowest, highest, log_odds)
         if to_x <= to_y and to_x <= to_z:
+            is_another = (x + step_x) >> PATCH_BITS != x >> PATCH_BITS
             x, at, to_x = x + step_x, to_x, to_x + every_x
         elif to_y <= to_z:
+            is_another = (y + step_y) >> PATCH_BITS != y >> PATCH_BITS
             y, at, to_y = y + step_y, to_y, to_y + every_y
         else:
-            z, at, to_z = z + step_z, to_z, to_z + every_z
+            z, at, to_z, is_another = z + step_z, to_z, to_z + every_z, True
 
 
 @njit(nogil=True, cache=True)

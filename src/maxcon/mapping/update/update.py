@@ -174,10 +174,12 @@ def classify(
         near = {(key[0] + dx, key[1] + dy) for dx, dy in product(AROUND, AROUND)} & files.n_voxels.keys()
         indices, parts = list[NDArray[np.int32]](), list[tuple[TileKey, NDArray[np.intp]]]()
         for each in (key, *sorted(near - {key})):
-            columns = load(each).tile.voxels - np.array([*load(key).tile.corner, 0], np.int32)
-            is_near = ((columns[:, :2] >= -CUBE) & (columns[:, :2] < TILE_VOXELS + CUBE)).all(axis=1)
-            parts.append((each, np.flatnonzero(is_near)))
-            indices.append(columns[is_near])
+            tile, shift = load(each).tile, (np.array(each) - key) * TILE_VOXELS
+            low, high = -CUBE - shift, TILE_VOXELS + CUBE - shift
+            x, y = tile.columns.T
+            rows = np.flatnonzero((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
+            parts.append((each, rows))
+            indices.append(np.column_stack([tile.columns[rows] + shift, tile.layers[rows]]).astype(np.int32))
         return np.concatenate(indices), parts
 
     for key in keys:
