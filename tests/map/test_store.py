@@ -12,12 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
+from maxcon import PointMap
 from maxcon.errors import MapError
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
 from maxcon.map.manifest import Manifest, read_manifest
 from maxcon.map.store import MapWriter, classes_record, tile_record
-from maxcon.search import exhaustive
 from written_maps import SAID, assert_same_map, said_by, tile_shard, write
 
 CELL = 0.06
@@ -33,21 +32,6 @@ def test_what_is_written_is_what_is_opened(tmp_path, in_memory):
     assert opened.bounds == in_memory.bounds
     assert_same_map(opened, in_memory)
     assert (manifest.n_points, manifest.n_voxels) == (3000, len(in_memory.all_voxels()[0]))
-
-
-def test_the_search_finds_the_same_in_both(whole, in_memory):
-    rng = np.random.default_rng(1)
-    indices, _, normals = in_memory.all_voxels()
-    chosen = rng.integers(0, len(indices), 200)
-    prior = Pose(0.3, -0.2, 0.0, 0.0, 0.0, 0.3)
-    scan = Scan(((indices[chosen] + 0.5) * CELL - prior.position) @ prior.rotation, normals[chosen] @ prior.rotation)
-    space = SearchSpace(0.6, CELL, 1.0, 0.5)
-    opened = PointMap.open(whole, cache_bytes=1)
-    for multiplicity in ("occupied", "points"):
-        wanted = exhaustive(scan, in_memory, prior, space, multiplicity=multiplicity)
-        got = exhaustive(scan, opened, prior, space, multiplicity=multiplicity, n_threads=2)
-        assert wanted.best_cell(Helmert()) == (2, 10, 10)
-        assert (got.moments == wanted.moments).all()
 
 
 def test_a_map_is_pickled_by_its_path_or_whole(whole, in_memory):

@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from built_maps import files_of
+from built_maps import files_of, height_of_ground, sheet, wall
 
 from maxcon import PointMap
 from maxcon.mapping.build import MapOptions, build_map
@@ -13,23 +13,18 @@ from maxcon.mapping.build.ground import ground_among
 ORIGIN = np.array([458_800.0, 5_429_000.0, 100.0])
 
 
-def surface(x, y, z, spacing=0.03, seed=0):
-    """Points at heights z(x, y) above the origin, over ranges x and y, with 5 mm of noise."""
-    grid_x, grid_y = np.meshgrid(np.arange(*x, spacing), np.arange(*y, spacing))
-    heights = z(grid_x, grid_y) + np.random.default_rng(seed).normal(0.0, 0.005, grid_x.shape)
-    return ORIGIN + np.column_stack([grid_x.ravel(), grid_y.ravel(), heights.ravel()])
+def surface(x, y, z, seed=0):
+    """Points at heights z(x, y) above the origin, over ranges x and y."""
+    return ORIGIN + sheet(x, y, z, 0.03, seed)
 
 
-def wall(y):
-    x, z = np.meshgrid(np.arange(1.0, 14.0, 0.03), np.arange(0.3, 3.0, 0.03))
-    return ORIGIN + np.column_stack([x.ravel(), np.full(x.size, y), z.ravel()])
+def facade(y):
+    return ORIGIN + wall((1.0, 14.0), y, lambda x, y: 0.3, 2.7, 0.03)
 
 
 def heights_at(path, x, y):
     """Height above the origin of the cell at (x, y) from the origin, NaN for none; the lowest level."""
-    point_map = PointMap.open(path)
-    local = point_map.frame.to_local([ORIGIN + [x, y, 0.0]])[0]
-    return float(point_map.ground_around(local[0], local[1], 0.0).heights[0, 0, 0]) - local[2]
+    return height_of_ground(path, ORIGIN + [x, y, 0.0])[0]
 
 
 def road(x, y):
@@ -37,7 +32,7 @@ def road(x, y):
 
 
 def test_classified_ground_is_kept_whether_its_points_are_voxels_too_or_not(tmp_path, cloud_files):
-    ground, walls = surface((1.0, 14.0), (1.0, 9.0), road), wall(9.5)
+    ground, walls = surface((1.0, 14.0), (1.0, 9.0), road), facade(9.5)
     points, classes = np.concatenate([ground, walls]), np.repeat([2, 6], [len(ground), len(walls)])
     cloud = cloud_files.las(tmp_path / "a.las", points, classes)
     without, with_it = (
@@ -54,12 +49,10 @@ def test_classified_ground_is_kept_whether_its_points_are_voxels_too_or_not(tmp_
 def test_a_bridge_is_another_level(tmp_path, cloud_files):
     below = surface((1.0, 6.0), (1.0, 6.0), lambda x, y: 0.0 * x)
     above = surface((1.0, 6.0), (1.0, 6.0), lambda x, y: 0.0 * x + 5.0)
-    points = np.concatenate([below, above, wall(7.0)])
+    points = np.concatenate([below, above, facade(7.0)])
     classes = np.repeat([2, 17, 6], [len(below), len(above), len(points) - len(below) - len(above)])
     build_map([cloud_files.las(tmp_path / "a.las", points, classes)], tmp_path / "a.map")
-    point_map = PointMap.open(tmp_path / "a.map")
-    local = point_map.frame.to_local([ORIGIN + [3.0, 3.0, 0.0]])[0]
-    levels = point_map.ground_around(local[0], local[1], 0.0).heights[:, 0, 0] - local[2]
+    levels = height_of_ground(tmp_path / "a.map", ORIGIN + [3.0, 3.0, 0.0])
     np.testing.assert_allclose(levels, [0.0, 5.0], atol=0.02)
 
 
@@ -71,7 +64,7 @@ def street():
             surface((1.0, 14.0), (1.0, 9.0), lambda x, y: road(x, y) + 0.12 * (y > 7.0)),
             surface((5.0, 9.0), (3.0, 4.7), lambda x, y: road(x, y) + 1.5, seed=1),
             surface((1.0, 14.0), (8.0, 9.0), lambda x, y: road(x, y) + 1.2, seed=2),
-            wall(9.5),
+            facade(9.5),
         ]
     )
 
@@ -82,7 +75,7 @@ def test_without_classes_the_ground_is_the_lowest_of_level_surfaces(tmp_path, cl
     for x, y in ((3.0, 3.0), (12.0, 5.0), (7.0, 3.9), (4.0, 8.4)):
         wanted = road(x, y) + 0.12 * (y > 7.0)
         assert abs(heights_at(tmp_path / "a.map", x, y) - wanted) < 0.04
-    build_map([cloud_files.npz(tmp_path / "c.npz", wall(3.0))], tmp_path / "c.map")
+    build_map([cloud_files.npz(tmp_path / "c.npz", facade(3.0))], tmp_path / "c.map")
     assert not PointMap.open(tmp_path / "c.map").has_ground
     # A car's roof without ground below is no ground.
     relative = street - ORIGIN

@@ -3,7 +3,6 @@
 """Normals of a map from files: fitted to known surfaces, turned to the sensor, or taken from the sources."""
 
 import numpy as np
-import pytest
 from built_maps import CELL, assert_same_voxels, axis_errors_deg, sorted_voxels, trajectory_at
 
 from maxcon import PointMap
@@ -60,22 +59,6 @@ def test_isolated_points_and_lines_have_no_normal(tmp_path, cloud_files, surface
     _, counts, normals = PointMap.open(tmp_path / "a.map").all_voxels()
     assert counts.sum() == 2003
     assert not normals.any()
-
-
-@pytest.mark.parametrize(("spacing", "share"), [(0.03, 0.99), (0.2, 0.9)])
-def test_sparse_surfaces_get_normals_from_the_coarser_level(tmp_path, cloud_files, surfaces, spacing, share):
-    """A wall at 31 degrees of one point every 20 cm: no 30 cm neighbourhood holds a plane of it."""
-    turn = np.radians(31.0)
-    u, v = np.meshgrid(np.arange(0, 8, spacing), np.arange(0.5, 4, spacing))
-    u, v = u.ravel(), v.ravel()
-    points = surfaces.origin + np.column_stack([10 + u * np.cos(turn), 10 + u * np.sin(turn), v])
-    points += np.random.default_rng(0).normal(0, 0.005, points.shape)
-    build_map([cloud_files.npz(tmp_path / "a.npz", points)], tmp_path / "a.map")
-    _, _, normals = PointMap.open(tmp_path / "a.map").all_voxels()
-    has_normal = normals.any(axis=1)
-    assert has_normal.mean() >= share
-    errors = axis_errors_deg(normals[has_normal], [-np.sin(turn), np.cos(turn), 0.0])
-    assert np.median(errors) < 5.0
 
 
 def test_own_normals_with_sides_are_averaged_as_in_memory(tmp_path, cloud_files, scene):

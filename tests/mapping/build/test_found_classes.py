@@ -4,8 +4,8 @@
 
 import numpy as np
 import pytest
+from built_maps import height_of_ground, sheet, wall
 
-from maxcon import PointMap
 from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS
 from maxcon.mapping.build import MapOptions, build_map
@@ -17,20 +17,6 @@ from maxcon.mapping.build.tiles import TileJob, TileMaker
 CELL = 0.06
 ORIGIN = np.array([458_800.0, 5_429_000.0, 100.0])
 STANDING, GROUND, TEMPORARY = 1, 2, 22
-
-
-def sheet(x, y, height, spacing=0.04, seed=0):
-    """Points on a surface of height(x, y) over ranges x and y, with 5 mm of noise."""
-    at_x, at_y = (at.ravel() for at in np.meshgrid(np.arange(*x, spacing), np.arange(*y, spacing)))
-    noise = np.random.default_rng(seed).normal(0.0, 0.005, at_x.size)
-    return np.column_stack([at_x, at_y, height(at_x, at_y) + noise])
-
-
-def wall(x, y, bottom, top, spacing=0.04):
-    """Points on an upright wall at `y` from bottom(x, y) on, `top` m high."""
-    at_x, above = (at.ravel() for at in np.meshgrid(np.arange(*x, spacing), np.arange(0.0, top, spacing)))
-    at_y = np.full(at_x.size, y)
-    return np.column_stack([at_x, at_y, bottom(at_x, at_y) + above])
 
 
 def box(low, high, spacing=0.05):
@@ -224,6 +210,4 @@ def test_when_classes_are_found_and_which_are_dropped(tmp_path, cloud_files, two
     assert sum(found.values()) == n_read and found["22"] > 100
     assert manifest.n_points == n_read - sum(found[number] for number in left_out)
     assert manifest.build["ground"] == "found by a morphological filter"
-    point_map = PointMap.open(tmp_path / "a.map")
-    local = point_map.frame.to_local([ORIGIN + [8.0, 5.0, 0.0]])[0]
-    assert abs(point_map.ground_around(local[0], local[1], 0.0).heights[0, 0, 0] - local[2] - 0.5) < 0.03
+    assert abs(height_of_ground(tmp_path / "a.map", ORIGIN + [8.0, 5.0, 0.0])[0] - 0.5) < 0.03
