@@ -1,14 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What is read is a file: a FIFO under any name is refused at once, where opening it would wait for ever."""
+"""What is read is a file: a FIFO is refused at once, where opening it would wait for ever."""
 
 import os
+from pathlib import Path
 
 import pytest
 
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import MaxconError
 from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
+from maxcon.io.nmea import read_nmea
 from maxcon.io.scans import open_scans
 from maxcon.io.text import SCAN_SUFFIXES
 from maxcon.io.trajectories import read_prior, read_trajectory
@@ -41,11 +43,16 @@ def read_times(path):
     [
         *((open_cloud, suffix) for suffix in CLOUD_SUFFIXES),
         *((read_scan, suffix) for suffix in SCAN_SUFFIXES),
+        (read_nmea, ".nmea"),
         *((read, suffix) for read in (read_prior, read_trajectory, read_times) for suffix in (".txt", ".tum", ".csv")),
     ],
 )
-def test_a_fifo_as_cloud_scan_trajectory_or_times(tmp_path, read, suffix):
-    path = tmp_path / f"1{suffix}"
-    os.mkfifo(path)
-    with pytest.raises(MaxconError, match=r"(?i)a FIFO"):
-        read(path)
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [(os.mkfifo, "a FIFO"), (Path.mkdir, "is a directory|scans of one kind"), (lambda path: None, "no such file")],
+    ids=["fifo", "folder", "nothing"],
+)
+def test_what_is_no_file_as_cloud_scan_trajectory_or_times(tmp_path, read, suffix, make, words):
+    make(tmp_path / f"1{suffix}")
+    with pytest.raises(MaxconError, match=f"(?i){words}"):
+        read(tmp_path / f"1{suffix}")

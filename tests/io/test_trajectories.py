@@ -156,15 +156,9 @@ def test_a_malformed_file_is_refused_with_file_and_line(tmp_path, name, content,
     assert "\n" not in str(caught.value)
 
 
-def test_no_file_to_read_and_no_folder_to_write_to(tmp_path):
-    (tmp_path / "folder.txt").mkdir()
-    for name, words in (
-        ("a.txt", "no such file"),
-        ("folder.txt", "is a directory"),
-        ("a.xyz", r"suffix \.txt, \.tum or"),
-    ):
-        with pytest.raises(FileError, match=words):
-            read_trajectory(tmp_path / name)
+def test_another_suffix_and_no_folder_to_write_to(tmp_path):
+    with pytest.raises(FileError, match=r"suffix \.txt, \.tum or"):
+        read_trajectory(tmp_path / "a.xyz")
     for save in (write_tum, write_csv):
         with pytest.raises(FileError, match="able to write"):
             save(tmp_path / "missing" / "a.txt", sample())

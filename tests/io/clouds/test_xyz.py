@@ -75,14 +75,12 @@ def test_what_is_no_cloud_is_refused(tmp_path, lines, words):
     assert "\n" not in str(error.value)
 
 
-def test_other_suffixes_folders_and_files_that_are_missing_or_empty(tmp_path):
+def test_other_suffixes_and_empty_files(tmp_path):
     (tmp_path / "a.dxf").write_text("0 0 0")
     suffixes = r"\.las, \.laz, \.ply, \.npz, \.e57, \.xyz, \.csv, \.txt"
     with pytest.raises(FileError, match=rf"suffix {suffixes}, got .*a\.dxf\. Convert"):
         open_cloud(tmp_path / "a.dxf")
     for suffix in CLOUD_SUFFIXES:
-        (tmp_path / f"b{suffix}").mkdir()
         (tmp_path / f"c{suffix}").touch()
-        for name, words in (("a", "no such file"), ("b", "is a directory"), ("c", rf"c\{suffix}, an empty file")):
-            with pytest.raises(FileError, match=words):
-                open_cloud(tmp_path / f"{name}{suffix}")
+        with pytest.raises(FileError, match=rf"c\{suffix}, an empty file"):
+            open_cloud(tmp_path / f"c{suffix}")

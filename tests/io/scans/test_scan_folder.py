@@ -93,8 +93,6 @@ def test_times_from_the_file_beside_the_scans(fill, tmp_path):
     np.testing.assert_array_equal(scans.times, [10.5, 10.75, 11.0])
     (tmp_path / "other.txt").write_text("1\n2\n3\n")
     np.testing.assert_array_equal(open_scans(folder, tmp_path / "other.txt").times, [1, 2, 3])
-    with pytest.raises(FileError, match=r"times of scans at .*no such file"):
-        open_scans(folder, tmp_path / "missing.txt")
 
 
 @pytest.mark.parametrize(
@@ -128,8 +126,6 @@ def test_folders_that_cannot_be_read_are_refused(fill, names, times, words):
 
 
 def test_files_that_are_missing_empty_or_truncated(fill, tmp_path):
-    with pytest.raises(FileError, match="no such file"):
-        open_scans(tmp_path / "missing")
     folder = open_scans(fill("1.bin"))
     whole = folder.paths[0].read_bytes()
     for n_bytes in (0, 1, 12, 15, 17, 60, 95):
