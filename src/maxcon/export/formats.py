@@ -36,11 +36,6 @@ def _localized(rows: Sequence[PoseRow]) -> list[tuple[PoseRow, Pose]]:
     return [(row, row.pose) for row in rows if row.pose is not None]
 
 
-def _position(row: PoseRow) -> dict[str, float | None]:
-    """Coordinates by their names; None where an epoch is not localized."""
-    return dict(zip("xyz", (None,) * 3 if row.pose is None else row.pose.position.tolist(), strict=True))
-
-
 def write_geojson(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
     """Write GeoJSON (RFC 7946), a feature per epoch: a point in WGS 84 where it is localized, else no geometry.
 
@@ -54,7 +49,7 @@ def write_geojson(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
         if row.pose is not None:
             lonlat = [round(degrees, 9) for degrees in next(lonlats)]
             geometry = {"type": "Point", "coordinates": [*lonlat, round(row.pose.z, 4)]}
-        features.append({"type": "Feature", "geometry": geometry, "properties": {**_position(row), **properties(row)}})
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties(row)})
     content = {"type": "FeatureCollection", "crs_of_xyz": crs, "features": features}
     with atomic_file(path) as partial:
         _put(partial, json.dumps(content, allow_nan=False))
@@ -123,8 +118,7 @@ def write_degrees(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -
     with atomic_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         for number, row in enumerate(rows):
-            known = properties(row)
-            cells = {"time": known.pop("time"), **_position(row), **known}
+            cells = properties(row)
             if number == 0:
                 writer.writerow(cells)
             writer.writerow("" if value is None else _text(name, value) for name, value in cells.items())

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from maxcon._system.regular_file import check_regular
 from maxcon.drive.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
 from maxcon.geometry import Pose
@@ -42,14 +44,15 @@ def bearing_deg(pose: Pose) -> float:
 
 
 def properties(row: PoseRow) -> dict[str, float | str | None]:
-    """Everything but the position of a row, by names that say the unit of angles; None where it is not known."""
-    angles: dict[str, float | None] = dict.fromkeys(("roll_deg", "pitch_deg", "heading_deg", "bearing_deg"))
+    """Everything in a row, by names that say the unit of angles; None where it is not known."""
+    position, angles = dict.fromkeys("xyz"), dict.fromkeys(("roll_deg", "pitch_deg", "heading_deg", "bearing_deg"))
     if row.pose is not None:
-        angles = {f"{name}_deg": math.degrees(getattr(row.pose, name)) for name in ("roll", "pitch", "heading")}
-        angles["bearing_deg"] = bearing_deg(row.pose)
+        position = dict(zip("xyz", row.pose.position.tolist(), strict=True))
+        turns = (*np.degrees(row.pose.values[3:]).tolist(), bearing_deg(row.pose))
+        angles = dict(zip(angles, turns, strict=True))
     names = ("score", "ms", "protection_along", "protection_across", *COVARIANCES)
     numbers = {name: row.numbers.get(name) for name in names}
-    return {"time": row.time, "status": row.status, **angles, **numbers, "reason": row.reason}
+    return {"time": row.time, **position, "status": row.status, **angles, **numbers, "reason": row.reason}
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[PoseRow]:
