@@ -9,7 +9,7 @@ import pytest
 
 import maxcon
 from drawn_figures import parts, words, yard
-from maxcon.lab.paper.distinctness import MEASURES, plot_distinctness, plot_kurtosis_map, spaced_epochs
+from maxcon.lab.paper.distinctness_plots import MEASURES, plot_distinctness, plot_kurtosis_map, spaced_epochs
 from maxcon.lab.paper.search_spaces import (
     best_from,
     draw_space,

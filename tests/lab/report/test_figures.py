@@ -14,7 +14,7 @@ import maxcon
 from drawn_figures import HOSTILE, BelowZero, assert_all_fits, parts, png_size, words, yard
 from maxcon.errors import OptionError
 from maxcon.lab.evaluation import Quantiles, RiskCoverage
-from maxcon.lab.paper.distinctness import MEASURES, plot_distinctness, plot_kurtosis_map
+from maxcon.lab.paper.distinctness_plots import MEASURES, plot_distinctness, plot_kurtosis_map
 from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison, plot_overview
 from maxcon.lab.report.certainty_plots import SigmaPanel, plot_risk_coverage, plot_sigmas, plot_stanford
 from maxcon.lab.report.prior_error import plot_prior_error

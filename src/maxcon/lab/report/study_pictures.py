@@ -16,7 +16,7 @@ from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.paper.claims import HELMERT
-from maxcon.lab.paper.distinctness import spaced_epochs
+from maxcon.lab.paper.distinctness_plots import spaced_epochs
 from maxcon.lab.paper.search_spaces import WINDOW_REACHES, ComparisonRow, plot_comparison, plot_overview
 from maxcon.lab.report import Picture
 from maxcon.lab.report.study_statistics import common_epochs

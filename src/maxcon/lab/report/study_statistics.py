@@ -14,7 +14,7 @@ from maxcon.lab.charts import DASHES, METHOD_STYLES, draw_grid, draw_number_tick
 from maxcon.lab.distinctness import GUARD_RADIUS
 from maxcon.lab.evaluation import SUCCESS_DISTANCE, SUCCESS_WORDS, clopper_pearson
 from maxcon.lab.paper.claims import COUNT, HELMERT
-from maxcon.lab.paper.distinctness import MEASURES, plot_distinctness, plot_kurtosis_map
+from maxcon.lab.paper.distinctness_plots import MEASURES, plot_distinctness, plot_kurtosis_map
 from maxcon.lab.report import Picture
 from maxcon.lab.study import MethodRows, known_methods
 from maxcon.map import PointMap
