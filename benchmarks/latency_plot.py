@@ -69,21 +69,26 @@ def plot(path, panels):
         "Right: epochs within 0.3 m and 1° of the reference."
     )
     with saved_figure(path, WIDTH, height, "One epoch in one thread", words) as figure:
-        all_axes = figure.subplots(len(panels), squeeze=False, height_ratios=heights)[:, 0]
-        for axes, (name, rows) in zip(all_axes, panels.items(), strict=True):
+        figure.set_layout_engine("none")  # columns of words stand beside the axes
+        _draw_key(figure, height)
+        top, across = height - TOP, (WIDTH - LEFT - RIGHT) / WIDTH
+        for (name, rows), panel_height in zip(panels.items(), heights, strict=True):
+            up = (top - panel_height) / height, (panel_height - PANEL_TITLE) / height
+            axes = figure.add_axes((LEFT / WIDTH, up[0], across, up[1]))
             _draw_panel(axes, name, rows, limits)
-        _draw_key(figure)
+            top -= panel_height
         axes.set_xlabel("ms, logarithmic")
 
 
 STYLES = ((SERIES[0], "o", "a stage of maxcon"), (INK, "D", "maxcon"), (SERIES[1], "s", "registration"))
 
 
-def _draw_key(figure):
+def _draw_key(figure, height):
     from matplotlib.lines import Line2D
 
     marks = [Line2D([], [], ls="", marker=mark, ms=7, color=color, label=words) for color, mark, words in STYLES]
-    figure.legend(handles=marks, ncols=3, handletextpad=0.1, columnspacing=0.9, fontsize=10.5, loc="outside upper left")
+    place = {"loc": "upper left", "bbox_to_anchor": (0.15 / WIDTH, 1.0 - 0.94 / height)}
+    figure.legend(handles=marks, ncols=3, handletextpad=0.1, columnspacing=0.9, fontsize=10.5, **place)
 
 
 def _draw_panel(axes, title, rows, limits):
