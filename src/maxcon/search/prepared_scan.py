@@ -82,7 +82,7 @@ class PreparedScan:
     is_once: bool
     without_normal: float
     spread: NDArray[np.float64]
-    _at_heading: dict[int, tuple[NDArray[np.uint64], NDArray[np.float32]]] = field(
+    _at_heading: dict[int, tuple[NDArray[np.int32], NDArray[np.float32]]] = field(
         default_factory=dict, init=False, repr=False
     )
 
@@ -175,21 +175,20 @@ class PreparedScan:
 
     def moments_of_cells(self, heading: int, cells: NDArray[np.int64]) -> Moments:
         """Moments of some cells (n, 3) of one heading, by number, without those of the cells around; shape (n, 4)."""
-        from maxcon.search import cell_kernels
+        from maxcon.search import cell_kernels, visit_kernels
 
         if heading not in self._at_heading:
-            self._at_heading[heading] = cell_kernels.points_at_heading(
-                self.points, self.normals, self._turns(np.array([heading])), (self.prior.x, self.prior.y), self.cell,
-                self.without_normal,
-            )  # fmt: skip
+            turns = self._turns(np.array([heading]))
+            normals = visit_kernels.turn_normals(self.normals, turns)
+            self._at_heading[heading] = self._columns(turns)[0], normals[0]
             if len(self._at_heading) > MOST_HEADINGS_KEPT:
                 del self._at_heading[next(iter(self._at_heading))]
         _, ny, nx = self.space.shape
         offsets = np.column_stack([cells[:, 2] - nx // 2, cells[:, 1] - ny // 2])
         moments = np.zeros((len(cells), 4))
         cell_kernels.moments_of_cells(
-            offsets, *self._at_heading[heading], *self._layers_of_tiles, self._edge_bits, self._table, self.is_once,
-            self.point_map.is_signed, moments,
+            offsets, *self._at_heading[heading], *self._layers_of_tiles, self._edge_bits, self._table,
+            self.without_normal, self.is_once, self.point_map.is_signed, moments,
         )  # fmt: skip
         return moments
 
