@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.scan.plane_kernels import BLOCK, covariance, plane_normal, plane_normals, squares_across, sum_near
+from maxcon.scan.plane_kernels import BLOCK, covariance, plane_normal, plane_normals
 
 STRIDE = 80
 
@@ -57,38 +57,3 @@ def test_points_on_a_line_or_at_one_place_make_no_plane():
             moments.reshape(10, BLOCK)[:, k] = [count, *sums, *outers]
         plane_normals(BLOCK, moments, planes)
         assert not (planes.reshape(5, BLOCK)[1] > 1e-6).any()
-
-
-@given(st.integers(0, 2**32), st.integers(0, STRIDE), st.floats(0.1, 3.0))
-def test_sums_are_of_what_is_near(seed, n, gate):
-    rng = np.random.default_rng(seed)
-    points = rng.normal(size=(STRIDE, 3))
-    points[rng.random(STRIDE) < 0.2] = np.inf
-    center = rng.normal(size=3)
-    moments = np.full(10 * BLOCK, np.nan)
-    sum_near(points.T.ravel(), STRIDE, n, *center, gate, moments, 5)
-    offsets = points[:n] - center
-    near = offsets[np.linalg.norm(offsets, axis=1) <= gate]
-    count, sums, outers = moments_of(near)
-    found = moments.reshape(10, BLOCK)
-    np.testing.assert_allclose(found[:, 5], [count, *sums, *outers], rtol=1e-12, atol=1e-12)
-    assert np.isnan(np.delete(found, 5, axis=1)).all()
-
-
-@given(st.integers(0, 2**32), st.integers(1, BLOCK))
-def test_squares_across_are_what_a_line_leaves_of_the_elevations(seed, n):
-    rng = np.random.default_rng(seed)
-    centers, moments, squares = rng.normal(size=(3, BLOCK)) * 10.0, np.zeros((10, BLOCK)), np.zeros(BLOCK)
-    expected = []
-    for k in range(n):
-        offsets = rng.normal(size=(int(rng.integers(4, 40)), 3)) * rng.uniform(0.01, 1.0, 3)
-        count, sums, outers = moments_of(offsets)
-        moments[:, k] = [count, *sums, *outers]
-        x, y, _ = centers[:, k]
-        along = np.array([-y, x, 0.0]) / np.hypot(x, y)
-        up = np.cross(centers[:, k], along) / np.linalg.norm(centers[:, k])
-        centered = offsets - offsets.mean(axis=0)
-        a, e = centered @ along, centered @ up
-        expected.append(((e - (a @ e) / (a @ a) * a) ** 2).mean())
-    squares_across(n, centers.ravel(), moments.ravel(), squares)
-    np.testing.assert_allclose(squares[:n], expected, rtol=1e-8, atol=1e-12)

@@ -75,19 +75,6 @@ def test_bands_of_sparse_rings_get_higher_windows():
     assert (found[sparse] >= 2.9).all()
 
 
-def test_a_lone_ring_and_points_in_one_direction_get_the_highest_window():
-    for elevations, azimuths in (ring_scan([3.0]), (np.zeros(5_000), np.zeros(5_000)), (np.ones(1), np.ones(1))):
-        assert (windows_tried_first(elevations, azimuths) == np.degrees(WINDOWS[-1])).all()
-
-
-def test_the_order_of_points_does_not_matter():
-    elevations, azimuths = ring_scan(np.linspace(-15.0, 15.0, 16), smear_deg=0.1)
-    order = np.random.default_rng(1).permutation(len(elevations))
-    np.testing.assert_array_equal(
-        windows_tried_first(elevations, azimuths), windows_tried_first(elevations[order], azimuths[order])
-    )
-
-
 def window_of(elevations, k, width):
     """Number of the lowest window around one of some elevations, rad, with points enough, of more than one ring."""
     for number, reach in enumerate(WINDOWS):

@@ -148,51 +148,6 @@ def test_crowded_voxels_and_scans(seed, n_steps, turns, options, is_signed, n_th
     assert_same(accumulator, by_votes(*scene, **options))
 
 
-def test_the_random_scenes_do_match():
-    """Otherwise the tests above would compare zeros."""
-    space = SearchSpace(0.6, 0.06, 0.5, 0.5)
-    shares = []
-    for seed in range(20):
-        scan, point_map, prior = random_scene(seed, 20, 60, 0.06, space)
-        counts = exhaustive(scan, point_map, prior, space).moments[..., 0]
-        shares.append(counts.max() / 20)
-    assert np.median(shares) >= 0.7
-
-
-@pytest.mark.parametrize(
-    ("half_width", "cell"),
-    [
-        (20.0, 0.5),  # the window is far larger than the map
-        (36.0, 0.06),  # 1,200 cells: wider than two tiles of 512
-        (15.36, 0.03),  # exactly two tiles
-    ],
-)
-def test_windows_wider_than_blocks_tiles_and_the_map(half_width, cell):
-    space = SearchSpace(half_width, cell, 0.0, 0.5)
-    for seed in range(2):
-        scan, point_map, prior = random_scene(seed, 12, 80, cell, space, corner=(-1, 0), spread=30)
-        accumulator = exhaustive(scan, point_map, prior, space)
-        assert accumulator.moments[..., 0].max() >= 8
-        assert_same(accumulator, by_votes(scan, point_map, prior, space, "occupied"))
-
-
-@pytest.mark.parametrize("n_steps", [1, 2, 7, 8, 9, 15, 16, 17])
-def test_every_offset_of_a_window_to_blocks_and_tiles(n_steps):
-    """One voxel, one scan point, at each place around a tile's corner: one vote, in the right cell."""
-    cell = 0.0625
-    space = SearchSpace(n_steps * cell, cell, 0.0, 0.5)
-    for at in (0, 1, 15, 16, 17, TILE_VOXELS - 17, TILE_VOXELS - 16, TILE_VOXELS - 1, -1, -16, -17):
-        place = np.array([[at + 0.5, -at + 0.5, 3.5]]) * cell
-        point_map = PointMap.from_points(place, [X], cell)
-        for dx, dy in itertools.product((-n_steps - 1, -n_steps, 0, n_steps - 1, n_steps), repeat=2):
-            prior = Pose(*(place[0] - [dx * cell, dy * cell, 0.0]), 0.0, 0.0, 0.0)
-            moments = exhaustive(Scan([[0.0, 0.0, 0.0]], [X]), point_map, prior, space).moments
-            is_inside = max(dx, dy) < n_steps and min(dx, dy) >= -n_steps
-            assert moments[..., 0].sum() == is_inside
-            if is_inside:
-                np.testing.assert_array_equal(moments[0, dy + n_steps, dx + n_steps], [1.0, 1.0, 0.0, 0.0])
-
-
 @pytest.mark.parametrize("sign_x", [-1, 1])
 @pytest.mark.parametrize("sign_y", [-1, 1])
 def test_forty_kilometres_from_the_origin(sign_x, sign_y):
@@ -218,23 +173,6 @@ def test_tiles_far_apart_at_once():
     moments = exhaustive(Scan(places, [X, X]), point_map, prior, space).moments
     np.testing.assert_array_equal(moments[0, 4, 4], [2.0, 2.0, 0.0, 0.0])
     assert moments[..., 0].sum() == 2
-
-
-@given(SEEDS, st.integers(-70_000, 70_000), st.integers(-70_000, 70_000))
-@settings(max_examples=25)
-def test_moving_map_and_prior_by_whole_cells_changes_nothing(seed, cells_x, cells_y):
-    cell = 0.0625  # all coordinates are multiples of 2^-12, so that sums are exact
-    rng = np.random.default_rng(seed)
-    space = SearchSpace(12 * cell, cell, 0.0, 0.5)
-    points_map = rng.integers(-8192, 8192, (200, 3)) * [1, 1, 1 / 16] // 1 / 4096
-    normals = unit_vectors(rng, 200)
-    scan = Scan(points_map[:20] - [0.125, 0.25, 0.0], unit_vectors(rng, 20))
-    prior = Pose(0.25, 0.125, 0.0, 0.0, 0.0, 0.0)
-    shift = np.array([cells_x, cells_y, 0.0]) * cell
-    here = exhaustive(scan, PointMap.from_points(points_map, normals, cell), prior, space)
-    there = exhaustive(scan, PointMap.from_points(points_map + shift, normals, cell), prior.translated(shift), space)
-    assert here.moments.any()
-    assert_same(there, here.moments)
 
 
 @given(SEEDS, st.sampled_from(["occupied", "points"]), st.booleans())

@@ -100,7 +100,7 @@ class CoarseScan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
+class CountedCells:
     """Cells in which a scan may have been taken, the highest count first.
 
     cells: shape (n, 3), int64; (heading, y, x): number of the heading, index of the cell in the local frame.
@@ -117,7 +117,7 @@ class Candidates:
     edge: float
 
     @classmethod
-    def sorted(cls, cells: Nodes, counts: Counts, left_out: float, edge: float) -> "Candidates":
+    def sorted(cls, cells: Nodes, counts: Counts, left_out: float, edge: float) -> "CountedCells":
         """Put large cells in order: the first in index order where counts are the same."""
         order = np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0], -counts))
         return cls(cells[order], counts[order], left_out, HEADINGS, edge)
@@ -130,13 +130,13 @@ class Candidates:
         """Middles of the cells, shape (n, 3): x, y (local frame, m) and heading (rad)."""
         return np.column_stack([(self.cells[:, [2, 1]] + 0.5) * self.edge, self.headings[self.cells[:, 0]]])
 
-    def reaching(self, ratio: float) -> "Candidates":
+    def reaching(self, ratio: float) -> "CountedCells":
         """Those that reach a ratio of the highest count."""
         kept = self.counts >= ratio * self.counts.max(initial=0)
         left_out = max(self.left_out, ratio)
         return replace(self, cells=self.cells[kept], counts=self.counts[kept], left_out=left_out)
 
-    def distinct(self, same: float, same_turn: float, most: int) -> "Candidates":
+    def distinct(self, same: float, same_turn: float, most: int) -> "CountedCells":
         """One of each place, the first of those within `same` (m) and `same_turn` (rad); at most `most`."""
         kept: list[int] = []
         poses, left_out, is_left = self.poses, self.left_out, np.ones(len(self), bool)
@@ -170,7 +170,7 @@ def counts_of_region(scan: CoarseScan, region: Region, cell: float) -> NDArray[n
     return counts
 
 
-def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> Candidates:
+def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> CountedCells:
     """Find every cell whose count reaches a ratio of the highest one: every cell at every heading is counted."""
     counts = {key: counts_of_region(scan, regions.load(key), regions.tiles.cell) for key in regions.keys}
     best = max((int(each.max()) for each in counts.values()), default=0)
@@ -180,10 +180,10 @@ def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> Candidates:
             reaching = np.argwhere(each >= ratio * best)
             cells.append(reaching + np.array([0, key_y * REGION, key_x * REGION]))
             scores.append(each[tuple(reaching.T)].astype(np.int64))
-    return Candidates.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.tiles.cell)
+    return CountedCells.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.tiles.cell)
 
 
-def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> Candidates:
+def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> CountedCells:
     """Find every cell whose count reaches a ratio of the highest one: the same as `count_all` finds.
 
     In each region, the bound of a block of 4 x 4 cells counts every point that matches at any cell of the block. Blocks
@@ -210,7 +210,7 @@ def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads:
                 search.split(regions.load(key), nodes, bounds)
     search.drop()
     left_out = max(ratio, search.dropped / search.best) if search.best else ratio
-    return Candidates.sorted(search.cells[0], search.counts[0], left_out, regions.tiles.cell)
+    return CountedCells.sorted(search.cells[0], search.counts[0], left_out, regions.tiles.cell)
 
 
 @dataclass(eq=False)
@@ -300,7 +300,7 @@ def _count_parts(grid: NDArray[np.uint8], turned: TurnedScan, nodes: Nodes, step
     return counts.reshape(-1).astype(np.int64)
 
 
-def recount(scan: CoarseScan, candidates: Candidates, regions: Regions) -> Candidates:
+def recount(scan: CoarseScan, candidates: CountedCells, regions: Regions) -> CountedCells:
     """Count the cells around large ones once more, in voxels of half the edge.
 
     scan: the scan, with more points than the coarse filter had.
@@ -324,6 +324,6 @@ def recount(scan: CoarseScan, candidates: Candidates, regions: Regions) -> Candi
     each, best = np.arange(len(candidates)), IN_ORDER[np.argmax(counts[:, IN_ORDER], axis=1)]
     cells = (squares[:, :, None, :] + PARTS).reshape(len(candidates), -1, 3)[each, best]
     order = np.argsort(-counts[each, best], kind="stable")
-    return Candidates(
+    return CountedCells(
         cells[order], counts[each, best][order], candidates.left_out, HALF_HEADINGS, regions.tiles.cell
     )  # fmt: skip

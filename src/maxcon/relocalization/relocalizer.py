@@ -24,7 +24,7 @@ from maxcon.map import PointMap
 from maxcon.refine import fit_ground, fit_ground_plane, pose_above_ground, validate
 from maxcon.refine.adjustment import FROM_LARGE_CELLS, LAST_PASSES
 from maxcon.refine.candidates import Candidate, Scoring, adjusted_candidate, distinct
-from maxcon.relocalization.coarse_filter import HEADINGS, Candidates, CoarseScan, filter_cells, recount
+from maxcon.relocalization.coarse_filter import HEADINGS, CoarseScan, CountedCells, filter_cells, recount
 from maxcon.relocalization.coarse_map import Area, CoarseTiles, Level, Regions
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Multiplicity, SearchMethod, Weighting, check_threads
@@ -151,7 +151,7 @@ class Relocalizer:
         found = self._adjusted(scan, T_ground_sensor, candidates)
         return self._concluded(scan, found, candidates, n_coarse)
 
-    def _candidates(self, scan: Scan, T_ground_sensor: Pose) -> tuple[Candidates | None, int]:
+    def _candidates(self, scan: Scan, T_ground_sensor: Pose) -> tuple[CountedCells | None, int]:
         """Places left by cells of half a metre, the highest count first; and how many large cells left."""
         few, many = (CoarseScan.of(scan.thinned(level.thinning), T_ground_sensor) for level in (COARSE, HALF))
         if len(few) < FEWEST_POINTS:
@@ -161,7 +161,7 @@ class Relocalizer:
         half = recount(many, coarse, self._half).reaching(HALF_RATIO * self._followed / FOLLOWED)
         return half.distinct(SAME_HALF, math.radians(SAME_HALF_DEG), MOST_HALF), len(coarse)
 
-    def _adjusted(self, scan: Scan, T_ground_sensor: Pose, candidates: Candidates) -> list[Candidate]:
+    def _adjusted(self, scan: Scan, T_ground_sensor: Pose, candidates: CountedCells) -> list[Candidate]:
         """Candidates adjusted to the map and scored there, the highest first, down to the ratio that is followed."""
         found = []
         for x, y, heading in candidates.poses.tolist():
@@ -172,7 +172,7 @@ class Relocalizer:
         found = distinct(found)
         return [each for each in found if each.score > 0.0 and each.score >= self._followed * found[0].score]
 
-    def _concluded(self, scan: Scan, found: list[Candidate], candidates: Candidates, n_coarse: int) -> Relocalization:
+    def _concluded(self, scan: Scan, found: list[Candidate], candidates: CountedCells, n_coarse: int) -> Relocalization:
         """Judge the best place, with all others for rivals."""
         if not found:
             return _nothing(scan, "no place of the map determines x and y")
