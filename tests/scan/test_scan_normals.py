@@ -28,10 +28,6 @@ def directions(n_rings=16, low_deg=-15.0, high_deg=15.0, step_deg=0.2, jitter_de
     return np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
 
 
-def unit(*vector):
-    return np.array(vector) / np.linalg.norm(vector)
-
-
 def cast(beams, planes, noise=0.03, seed=0):
     """Points on the nearest of some planes (normal to the sensor, distance, heights), and their true normals."""
     ranges = np.full(len(beams), np.inf)
@@ -53,23 +49,6 @@ def angle_errors_deg(normals, true):
     return np.degrees(np.arccos(np.clip((normals * true).sum(axis=1), -1.0, 1.0)))
 
 
-def assert_good(points, true, normals, *, within=40.0):
-    """Near to 10 m the median error stays below 3 degrees, beyond about 1; most points have a normal."""
-    ranges = np.linalg.norm(points, axis=1)
-    has_normal = normals.any(axis=1)
-    errors = angle_errors_deg(normals, true)
-    n_checked = 0
-    for low, high, bound in ((3.0, 5.0, 3.5), (5.0, 10.0, 2.5), (10.0, 20.0, 1.2), (20.0, within, 0.8)):
-        is_in = (ranges >= low) & (ranges < high)
-        if is_in.sum() < 200:
-            continue
-        n_checked += 1
-        assert has_normal[is_in].mean() > 0.85
-        assert np.median(errors[is_in & has_normal]) < bound
-        assert np.quantile(errors[is_in & has_normal], 0.9) < 2.5 * bound
-    assert n_checked
-
-
 def assert_unit_and_turned_to_the_sensor(points, normals):
     lengths = np.linalg.norm(normals, axis=1)
     np.testing.assert_allclose(lengths[lengths > 0.0], 1.0, atol=1e-12)
@@ -78,26 +57,6 @@ def assert_unit_and_turned_to_the_sensor(points, normals):
 
 def wall(distance, heading=0.0):
     return (-np.sin(heading), -np.cos(heading), 0.0), distance, (-1.7, 8.0)
-
-
-@pytest.mark.parametrize(("distance", "heading"), [(4.0, 0.0), (6.0, STREET), (9.0, 2.9), (20.0, STREET)])
-def test_a_wall(distance, heading):
-    points, true = cast(directions(), [wall(distance, heading)])
-    normals = estimate_scan_normals(points)
-    assert_good(points, true, normals, within=25.0)
-    assert_unit_and_turned_to_the_sensor(points, normals)
-    assert angle_errors_deg(normals, true)[normals.any(axis=1)].max() < 45.0
-
-
-def test_beyond_a_corner_each_wall_keeps_its_own_normal():
-    points, true = cast(directions(), [wall(6.0), wall(6.0, np.pi / 2)])
-    normals = estimate_scan_normals(points)
-    from_edge = np.hypot(points[:, 0] - 6.0, points[:, 1] - 6.0)
-    away = from_edge > 1.0
-    assert_good(points[away], true[away], normals[away], within=20.0)
-    errors = angle_errors_deg(normals, true)[normals.any(axis=1) & ~away]
-    assert np.quantile(errors, 0.95) < 60.0
-    assert_unit_and_turned_to_the_sensor(points, normals)
 
 
 def test_a_step_in_depth_is_not_bridged():
@@ -112,19 +71,6 @@ def test_a_step_in_depth_is_not_bridged():
     errors = angle_errors_deg(normals, true)[has_normal]
     assert has_normal.mean() > 0.9
     assert np.quantile(errors, 0.99) < 15.0
-
-
-def test_duplicates_and_points_at_the_sensor_do_no_harm():
-    points, true = cast(directions(), [wall(6.0)])
-    there = len(points)
-    many = np.concatenate([points, points, np.zeros((50, 3)), np.tile(points[:1], (500, 1))])
-    normals = estimate_scan_normals(many)
-    assert np.isfinite(normals).all()
-    np.testing.assert_array_equal(normals[2 * there : 2 * there + 50], 0.0)
-    assert np.median(angle_errors_deg(normals[:there], true)) < 3.0
-    same = estimate_scan_normals(np.tile([[3.0, 4.0, 1.0]], (1000, 1)))
-    assert not same.any()
-    assert not estimate_scan_normals(np.zeros((100, 3))).any()
 
 
 @given(st.integers(0, 2**32), st.integers(0, 200), st.sampled_from([1e-6, 1e-2, 1.0, 50.0, 1e6]))

@@ -7,7 +7,7 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import MaxconError, Pose, SearchSpace
@@ -29,14 +29,6 @@ def test_the_papers_space():
     assert space.plane == space
     with pytest.raises(FrozenInstanceError):
         space.half_width = 6.0
-
-
-def test_index_order_is_heading_y_x():
-    space = SearchSpace.paper()
-    prior = Pose(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
-    pose = space.pose((6, 53, 49), prior)
-    np.testing.assert_allclose(pose.position, [1.0 - 0.06, 2.0 + 0.18, 3.0])
-    np.testing.assert_allclose([pose.roll, pose.pitch, pose.heading], [0.1, 0.2, 0.3 + math.radians(1.0)])
 
 
 @given(
@@ -207,21 +199,6 @@ def test_correlations_do_not_matter_and_the_larger_variance_counts(factors, vari
         assert SearchSpace.from_covariance(full) == space
 
 
-def test_spaces_of_a_covariance_by_hand():
-    covariance = np.diag([1.0, 0.25, math.radians(2.0 / 3.0) ** 2])
-    space = SearchSpace.from_covariance(covariance, cell=0.06)  # 3 m are 50 cells, and half a cell more is searched
-    assert (space.half_width, space.heading_half_width_deg) == (pytest.approx(51 * 0.06), 2.0)
-    assert (space.cell, space.heading_step_deg) == (0.06, 0.5)
-    still_open = SearchSpace.from_covariance(covariance)
-    assert still_open.is_open
-    assert (still_open.half_width, still_open.heading_half_width_deg) == (3.0, pytest.approx(2.0))
-    wider = SearchSpace.from_covariance(covariance, k=1.0, cell=0.1, heading_step_deg=0.3)
-    assert wider.half_width == pytest.approx(1.1)
-    assert wider.heading_half_width_deg == pytest.approx(0.9)
-    assert SearchSpace.from_covariance(np.zeros((3, 3))).at(0.06).shape == (1, 1, 1)
-    assert SearchSpace.from_covariance(np.diag([0.0, 0.0, 1e4])).heading_half_width_deg == 180.0
-
-
 @given(
     st.floats(0.0, 400.0), st.floats(0.0, 0.5), st.floats(0.05, 5.0), st.floats(0.05, 5.0), st.floats(0.0, 30.0),
     st.floats(0.0, 180.0),
@@ -296,28 +273,6 @@ def test_heights_lie_around_the_prior_in_whole_cells():
 
 
 # --- open spaces ------------------------------------------------------------------------------------------
-
-
-@given(
-    st.floats(0.0, 40.0),
-    st.integers(0, 360).map(lambda n: 0.5 * n) | st.just(0.3),
-    st.floats(0.0, 0.5),
-    st.booleans(),
-    st.sampled_from([0.06, 0.48]),
-)
-def test_an_open_space_tells_how_many_cells_it_would_have(half_width, turn_deg, height, is_open, cell):
-    space = SearchSpace(half_width, None, turn_deg, None if is_open else 0.1, height)
-    assume(space.n_cells_at(cell, 1.0) <= 2**36)  # more are refused
-    assert space.n_cells_at(cell, 1.0) == space.at(cell, 1.0).n_cells
-    assert space.at(cell, 1.0).n_cells_at(0.01, 0.01) == space.at(cell, 1.0).n_cells
-
-
-def test_how_many_is_told_even_where_they_are_too_many():
-    space = SearchSpace(10_000.0, heading_half_width_deg=180.0)
-    assert space.n_cells_at(0.06) == 721 * 333_334**2
-    with pytest.raises(SearchSpaceError, match="Expected at most"):
-        space.at(0.06)
-    assert SearchSpace(60.0, 0.06, 180.0, 0.5).n_cells == 721 * 2000 * 2000
 
 
 def test_an_open_space_has_no_cells_before_it_is_given_some():

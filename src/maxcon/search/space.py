@@ -174,14 +174,6 @@ class SearchSpace:
             rounded_up(self.height_half_width, cell),
         )  # fmt: skip
 
-    def n_cells_at(self, cell: float, heading_step_deg: float = PAPER_STEP_DEG) -> int:
-        """Return the number of cells of `at`, even if they are too many to be searched."""
-        step_deg = heading_step_deg if self.heading_step_deg is None else self.heading_step_deg
-        edge = cell if self.cell is None else self.cell
-        widths = (self.half_width, edge), (self.heading_half_width_deg, step_deg), (self.height_half_width, edge)
-        n_offsets, n_turns, n_up = (round(rounded_up(half_width, step) / step) for half_width, step in widths)
-        return (2 * n_up + 1) * (2 * n_turns + 1) * max(1, 2 * n_offsets) ** 2
-
     @property
     def cell_edge(self) -> float:
         """Cell edge e, m; `SearchSpaceError` if it has none."""
