@@ -29,12 +29,6 @@ def test_utm_coordinates_come_back(seed):
     assert (back.roll, back.pitch, back.heading) == (pose.roll, pose.pitch, pose.heading)
 
 
-def test_float32_input_is_widened_before_it_is_subtracted():
-    local = UTM.to_local(np.array([[458_800.5, 5_429_000.5, 100.25]], dtype=np.float32))
-    assert local.dtype == np.float64
-    np.testing.assert_allclose(local, [[0.5, 0.5, 0.25]], atol=0.25)  # what a float32 northing keeps
-
-
 @pytest.mark.parametrize("origin", [(0.0, 0.0), (0.0, 0.0, math.nan), (1.0, 2.0, math.inf), (1, 2, 3, 4)])
 def test_an_origin_is_three_finite_numbers(origin):
     with pytest.raises(ArrayError, match="Expected three finite numbers as the origin of a LocalFrame, got"):

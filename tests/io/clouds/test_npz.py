@@ -59,7 +59,6 @@ def test_any_type_of_number_reads_back(points, max_points):
     [
         ({"arr_0": POINTS}, r"numpy\.savez\(path, points=\.\.\.\).*no array `points` among arr_0"),
         ({"points": POINTS.T}, r"`points` of shape \(3, 7\), not \(n, 3\)"),
-        ({"points": POINTS[0]}, r"`points` of shape \(3,\), not \(n, 3\)"),
         ({"points": POINTS[:0]}, "0 of `points`"),
         ({"points": POINTS, "normals": POINTS[:3]}, "not one per point: 7 of `points`, 3 of `normals`"),
         ({"points": POINTS, "classes": np.zeros((7, 1))}, r"`classes` of shape \(7, 1\), not \(n,\)"),

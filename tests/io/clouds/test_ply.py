@@ -122,8 +122,6 @@ THREE = "property float x\nproperty float y\nproperty float z\n"
         ("ply\nelement vertex 1\nproperty float x\nend_header\n", "no header line 'format"),
         ("ply\nformat binary_middle_endian 1.0\nend_header\n", "the header line 'format binary_middle"),
         (HEAD + "end_header\n", "no element 'vertex' among none"),
-        (HEAD + "element vertex -1\nend_header\n", "the header line 'element vertex -1'"),
-        (HEAD + "element vertex 1\nproperty quad x\nend_header\n", "the header line 'property quad x'"),
         (HEAD + "element vertex 0\nproperty float x\nend_header\n", "0 vertices in"),
         (HEAD + "element vertex 1\n" + THREE[:34] + "end_header\n1 2\n", "not one field 'z' of numbers"),
         (HEAD + "element vertex 1\n" + "property float x\n" * 2 + "end_header\n1 2\n", "not one field 'x' of numbers"),

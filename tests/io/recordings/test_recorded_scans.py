@@ -200,14 +200,3 @@ def test_two_clouds_of_one_time_are_one_scan_and_names_cannot_break_a_line(tmp_p
     np.testing.assert_array_equal(scans.read(2, 0.0, 200.0).points, made.read(3).points)
     with pytest.raises(FileError, match=r"^[^\n]*/a\?b\?\[31m[^\n]*$"):
         open_scans(_text_bag(tmp_path / "odd.bag", "/a\nb\x1b[31m", "x"))
-
-
-def test_a_recording_that_is_not_finished_is_not_there(tmp_path):
-    def entries():
-        yield cloud_message(MadeScans(1), 0)
-        raise RuntimeError
-
-    for name in ("drive.bag", "drive.mcap"):
-        with pytest.raises(RuntimeError):
-            write_entries(tmp_path / name, entries())
-    assert not list(tmp_path.iterdir())
