@@ -12,7 +12,7 @@ from maxcon import PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError
 from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS
-from maxcon.search import Multiplicity, Weighting, visit_kernels
+from maxcon.search import Multiplicity, Weighting
 from maxcon.search.accumulator import turn, upright
 from maxcon.search.prepared_scan import SQUARE_BITS, PreparedScan, _aligned_zeros
 
@@ -95,24 +95,6 @@ def test_groups_hold_all_points_of_one_square_and_layer_and_tiles_are_those_they
         assert row < prepared.shape[0]
 
 
-@given(seed=SEEDS, n_points=st.integers(0, 60), n_headings=st.integers(1, 4))
-def test_turned_is_what_the_definition_turns(seed, n_points, n_headings):
-    rng = np.random.default_rng(seed)
-    prior = random_prior(rng)
-    scan = random_scan(rng, n_points, 30.0, 3.0)
-    point_map = random_map(rng, prior, 10, 10.0)
-    prepared = prepared_with(scan, point_map, prior)
-    headings = rng.integers(0, len(SPACE.headings), n_headings)
-    turns = np.array([(np.cos(a), np.sin(a)) for a in prior.heading + SPACE.headings[headings]])
-    columns = visit_kernels.turn_to_columns(prepared.points, turns, (prior.x, prior.y), CELL)
-    turned = visit_kernels.turn_normals(prepared.normals, turns)
-    points = np.vstack([prepared.points, np.zeros(n_points)]).T
-    for i, heading in enumerate(prior.heading + SPACE.headings[headings]):
-        places = turn(points, heading) + [prior.x, prior.y, 0.0]
-        assert (columns[i] == voxel_indices(places, CELL).T[:2]).all()
-        assert (turned[i] == turn(prepared.normals.T, heading).T.astype(np.float32)).all()
-
-
 def test_an_empty_scan_has_no_groups_and_loads_no_tile():
     prior = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     nothing = Scan(np.empty((0, 3)), np.empty((0, 3)))
@@ -148,17 +130,6 @@ def test_sums_of_cells_begin_with_a_cache_line():
     for n in range(1, 40):
         zeros = _aligned_zeros((n, 3, 4))
         assert (zeros.shape, zeros.any(), zeros.ctypes.data % 64) == ((n, 3, 4), False, 0)
-
-
-@pytest.mark.parametrize("x", [-300.5, 300.5])
-@pytest.mark.parametrize("y", [-200.0, 200.0])
-def test_the_grid_is_as_large_as_the_tiles_in_reach_wherever_they_are(x, y):
-    prior = Pose(x * TILE, y * TILE, 0.0, 0.0, 0.0, 0.3)
-    rng = np.random.default_rng(2)
-    scan, point_map = random_scan(rng, 50, 3.0, 1.0), random_map(rng, prior, 400, 3.0)
-    prepared = prepared_with(scan, point_map, prior)
-    assert [tile.key for tile in prepared.tiles.values()] == [(int(x - 0.5), int(y) - 1), (int(x - 0.5), int(y))]
-    assert (prepared.corner, prepared.shape) == ((int(x - 0.5), int(y) - 1), (2, 1))
 
 
 @pytest.mark.parametrize("weighting", list(Weighting))

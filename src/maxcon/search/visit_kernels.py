@@ -33,11 +33,6 @@ PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 # Columns of visits: a group of points, the headings of the visit (the last one is not among them), its box of voxels.
 GROUP, HEADING, END_HEADING, X_FIRST, X_LAST, Y_FIRST, Y_LAST = range(7)
 
-# Columns of stops: points (first, first without a normal, end), headings (first, end), rectangle, runs (first, end).
-STOP_COLUMNS = (
-    "first", "middle", "end", "since", "until", "x_first", "x_last", "y_first", "y_last", "first_run", "end_run",
-)  # fmt: skip
-
 
 class TileVoxels(NamedTuple):
     """The voxels of a tile in the order of the search, see `VoxelTile`.
@@ -198,9 +193,10 @@ def stops_in_tile(
     layers : of the groups, see `PreparedScan`; lowest : z index of the tile's lowest layer; layer_numbers : of its
     layers from there on, -1 where there is none; patch_starts : first voxel of each patch of the tile, see `TileIndex`;
     n_patches : patches along its edge.
-    Returns stops, (k, 11) int64, see STOP_COLUMNS; and runs, (m, 2) int64: first and end of voxels that follow each
-    other in the tile. The runs of a stop hold all voxels of its rectangle, and some beside. A visit that meets no
-    voxels makes no stop.
+    Returns stops, (k, 11) int64, whose columns kernels unpack as first, middle (first without a normal), end of the
+    points; since, until: first and end of the headings; x_first, x_last, y_first, y_last voxel; run, end_run; and
+    runs, (m, 2) int64: first and end of voxels that follow each other in the tile. The runs of a stop hold all voxels
+    of its rectangle, and some beside. A visit that meets no voxels makes no stop.
     """
     n_rows = 0
     for at in range(numbers.shape[0]):
