@@ -24,6 +24,7 @@ class Status(StrEnum):
     AMBIGUOUS = "ambiguous"
     WALLS_MISSING = "walls missing"
     NOT_CONFIRMED = "not confirmed"
+    MISFIT = "misfit"
     FEW_MATCHES = "few matches"
     NO_MATCH = "no match"
     NO_POINTS = "no points"
@@ -50,6 +51,8 @@ _EXPLANATIONS = {
     " pose fits the others only, or the place has changed. See the reason beside it.",
     Status.NOT_CONFIRMED: "Adjusted to the surfaces of the map the pose moves away from the best cell, or few surfaces"
     " carry it: the place may be right, the centimetres are not.",
+    Status.MISFIT: "The scan does not fit the map as one taken there would: it is distorted, the map is off, or the"
+    " place only looks alike. See the reason beside it.",
     Status.FEW_MATCHES: "Few of the scan's points match the map even at the best cell: is the prior far off, or the"
     " map old or thin?",
     Status.NO_MATCH: "No scan point matched the map: is the prior inside the map, and is its height right?",

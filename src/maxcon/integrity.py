@@ -61,6 +61,9 @@ class Trust:
         So many points must lie on planes of the map at the refined pose.
     farthest_move : float
         The refined pose may lie so far from the best cell, m.
+    largest_misfit : float
+        How far the worst test of the fit (`maxcon.refine.fit`) may be beyond its limit, as a ratio: with 1 the limits
+        are as they were fitted to right answers, with infinity no answer is refused for them.
 
     Raises
     ------
@@ -75,11 +78,13 @@ class Trust:
     least_confirmed_share: float = 0.02
     fewest_planes: int = 50
     farthest_move: float = 0.25
+    largest_misfit: float = 1.0
 
     def __post_init__(self) -> None:
         for each in fields(self):
             value, is_ratio = getattr(self, each.name), each.name in RATIOS
-            if not 0.0 <= value <= (1.0 if is_ratio else sys.float_info.max):
+            largest = math.inf if each.name == "largest_misfit" else sys.float_info.max
+            if not 0.0 <= value <= (1.0 if is_ratio else largest):
                 range_ = "from 0 to 1" if is_ratio else ">= 0"
                 raise OptionError(f"Expected `{each.name}` {range_}, got {value}. The default is {each.default}.")
 

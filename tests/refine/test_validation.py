@@ -69,9 +69,9 @@ def asked(monkeypatch):
     """What the refinement was asked for."""
     calls = []
 
-    def recorded(scan, point_map, start, **sigmas):
+    def recorded(scan, point_map, start, table, **sigmas):
         calls.append((start, sigmas))
-        return refine(scan, point_map, start, **sigmas)
+        return refine(scan, point_map, start, table=table, **sigmas)
 
     monkeypatch.setattr(validation, "refine", recorded)
     return calls

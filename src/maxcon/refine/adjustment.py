@@ -125,6 +125,7 @@ def refine(
     height_sigma: float = HEIGHT_SIGMA,
     tilt_sigma: float = TILT_SIGMA,
     passes: Sequence[Pass] = PASSES,
+    table: VoxelTable | None = None,
 ) -> Refined:
     """Adjust a pose to the map: minimize the weighted squares of point-to-plane distances n . r, in all six unknowns.
 
@@ -138,15 +139,16 @@ def refine(
     start: T_map_sensor to start from, local frame, within some 0.2 m and a degree.
     height_sigma, tilt_sigma: standard deviations of the start's height, m, and of its roll and pitch, rad.
     passes: the last one with the gate of 0.21 m.
+    table: the voxels around the start, if they are at hand.
     """
     from maxcon.refine import kernels
 
     sample = scan.sample
     points, normals = sample.points, sample.normals
     start_weights = weights_of_start(height_sigma, tilt_sigma)
-    unknowns, planes = adjusted(
-        sample, point_map, table_around(sample, point_map, [start]), start, start_weights, passes
-    )
+    if table is None:
+        table = table_around(sample, point_map, [start])
+    unknowns, planes = adjusted(sample, point_map, table, start, start_weights, passes)
     normal_matrix, residuals, weights = np.empty((6, 6)), np.empty(len(points)), np.empty(len(points))
     kernels.weigh(points, planes, unknowns, passes[-1].gate, normal_matrix, residuals, weights)
     moved, turned = math.hypot(unknowns[0] - start.x, unknowns[1] - start.y), abs(unknowns[5] - start.heading)

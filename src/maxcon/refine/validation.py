@@ -11,7 +11,8 @@ import numpy as np
 from maxcon.estimate import Estimate, Status
 from maxcon.integrity import Trust, protection_level
 from maxcon.map import PointMap
-from maxcon.refine.adjustment import HEIGHT_SIGMA, PASSES, TILT_SIGMA, Pass, Refined, covariance, refine
+from maxcon.refine.adjustment import HEIGHT_SIGMA, PASSES, TILT_SIGMA, Pass, Refined, covariance, refine, table_around
+from maxcon.refine.fit import fit_of
 from maxcon.refine.ground import GroundFit
 from maxcon.scan import Scan
 
@@ -58,7 +59,10 @@ def validate(
     if ground is not None:
         height_sigma = max(ground.sigma_height, GROUND_HEIGHT_SIGMA)
         tilt_sigma = max(ground.sigma_tilt, GROUND_TILT_SIGMA)
-    refined = refine(scan, point_map, start, height_sigma=height_sigma, tilt_sigma=tilt_sigma, passes=passes)
+    table = table_around(scan.sample, point_map, [start])
+    refined = refine(
+        scan, point_map, start, height_sigma=height_sigma, tilt_sigma=tilt_sigma, passes=passes, table=table
+    )
     walls = least_wall_share(refined)
     status = trust.status_of_pose(
         n_planes=refined.n_planes,
@@ -67,9 +71,13 @@ def validate(
         is_confirmed=is_confirmed,
     )
     if status is Status.LOCALIZED:
-        errors = covariance(refined, point_map.sigma)
+        fit = fit_of(refined, scan.sample, point_map, table)
+        reason = "; ".join(filter(None, [found.reason, fit.words]))
+        if fit.misfit > trust.largest_misfit:
+            return replace(found, pose=start, status=Status.MISFIT, reason=reason)
+        errors = covariance(refined, point_map.sigma) + fit.covariance
         level = protection_level(errors, refined.pose.heading, risk)
-        return replace(found, pose=refined.pose, covariance=errors, protection_level=level)
+        return replace(found, pose=refined.pose, covariance=errors, protection_level=level, reason=reason)
     reason = f"{refined.n_planes} points on planes of the map, {refined.moved:.2f} m from the best cell"
     if status is Status.WALLS_MISSING:
         reason = "the scan has hardly any wall points" if walls is None else walls.words

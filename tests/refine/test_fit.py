@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Tests of the fit: right answers pass, distorted scans and shifted maps are noticed, named and measured."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon import MaximumConsensus, Scan, SearchSpace, Trust
+from maxcon.estimate import Status
+from maxcon.refine import fit, refine
+from maxcon.refine.adjustment import table_around
+from walled_towns import TRUTH, beside, made
+
+SPACE = SearchSpace(1.0, heading_half_width_deg=2.0)
+SEEDS = st.integers(0, 3)
+TOO_LARGE, LONG, STRETCHED, STRETCHED_AHEAD, TWISTED, _, LEFT, AHEAD = fit.PATTERNS
+SIZES = {TOO_LARGE: 0.012, LONG: 0.15, STRETCHED: 1.0, STRETCHED_AHEAD: 1.0, TWISTED: 0.03, LEFT: 0.3, AHEAD: 0.3}
+
+
+@cache
+def town(seed):
+    return made(seed)
+
+
+def fitted(scan, point_map, pose=TRUTH):
+    """The fit at the pose that a scan is refined to."""
+    refined = refine(scan, point_map, pose)
+    return fit.fit_of(refined, scan.sample, point_map, table_around(scan.sample, point_map, [pose]))
+
+
+def distorted(scan, pattern, size):
+    return Scan(scan.points + size * pattern.direction(scan.points), scan.normals)
+
+
+@given(seed=SEEDS, noise=st.floats(0.0, 0.08), every=st.integers(1, 4))
+@settings(max_examples=15)
+def test_a_right_answer_passes_with_noise_and_with_few_points(seed, noise, every):
+    point_map, scan = town(seed)
+    noisy = scan.points + np.random.default_rng(seed).normal(0.0, noise, (len(scan), 3))
+    found = fitted(Scan(noisy[::every], scan.normals[::every]), point_map)
+    assert (found.misfit, found.words) == (0.0, "")
+    assert not found.covariance.any()
+
+
+@given(seed=SEEDS, pattern=st.sampled_from(list(SIZES)), sign=st.sampled_from([-1.0, 1.0]))
+@settings(max_examples=15)
+def test_each_pattern_is_noticed(seed, pattern, sign):
+    point_map, scan = town(seed)
+    found = fitted(distorted(scan, pattern, sign * SIZES[pattern]), point_map)
+    assert found.misfit > 1.0
+    assert found.words
+
+
+@pytest.mark.parametrize(
+    ("pattern", "size", "words"),
+    [
+        (TOO_LARGE, 0.01, "the scan looks +0.99 %"), (LONG, 0.12, "the scan has ranges that look +0.1"),
+        (STRETCHED, 0.9, "the scan looks stretched along the way by +0.9 m a turn: deskew it"),
+        (TWISTED, 0.03, "the scan looks twisted by +1.7 degrees a turn: deskew it"),
+        (LEFT, 0.3, "the scan has what is to the left +0.3"), (AHEAD, 0.3, "the scan has what is ahead +0.3"),
+    ],
+)  # fmt: skip
+def test_the_strongest_pattern_is_named_with_its_size(pattern, size, words):
+    point_map, scan = town(1)
+    assert words in fitted(distorted(scan, pattern, size), point_map).words
+
+
+def test_a_small_pattern_is_named_and_widens_the_covariance_by_the_shift_it_causes():
+    point_map, scan = town(1)
+    stretched = distorted(scan, STRETCHED, 0.3)
+    found = fitted(stretched, point_map)
+    assert 0.0 < found.misfit < 1.0
+    assert "stretched along the way by +0.3 m" in found.words
+    shift = refine(stretched, point_map, TRUTH).pose.values - TRUTH.values
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(np.abs(shift), abs=0.005)
+
+
+def test_away_from_the_right_pose_patches_lie_beside_the_map():
+    point_map, scan = town(1)
+    refined, table = refine(scan, point_map, TRUTH), table_around(scan.sample, point_map, [TRUTH])
+    found = fit.fit_of(replace(refined, pose=beside(0.25, 0.2)), scan.sample, point_map, table)
+    assert found.misfit > 1.0
+    assert "patches of surface lie beside those of the map" in found.words
+
+
+def test_walls_of_one_side_that_are_not_found_are_missed():
+    point_map, scan = town(3)
+    moved = scan.points + (scan.points[:, 1:2] > 0.0) * [0.0, 1.2, 0.0]
+    assert "to the left" in fitted(Scan(moved, scan.normals), point_map).words
+
+
+def test_a_scan_that_looks_to_one_side_is_not_tested_for_what_arises_during_a_turn():
+    point_map, scan = town(1)
+    ahead = np.abs(np.arctan2(scan.points[:, 1], scan.points[:, 0])) < math.radians(60.0)
+    part = Scan(scan.points[ahead], scan.normals[ahead])
+    assert "a turn" not in fitted(distorted(part, STRETCHED, 1.0), point_map).words
+
+
+def test_an_answer_that_does_not_fit_is_refused_unless_it_is_asked_for():
+    point_map, scan = town(1)
+    stretched = distorted(scan, STRETCHED, 1.5)
+    refused = MaximumConsensus(SPACE, wider=0.0).localize(stretched, point_map, beside(0.2, 0.1))
+    assert refused.status is Status.MISFIT
+    assert "deskew it" in refused.reason
+    trusting = MaximumConsensus(SPACE, wider=0.0, trust=Trust(largest_misfit=math.inf))
+    assert trusting.localize(stretched, point_map, beside(0.2, 0.1)).is_localized
