@@ -208,13 +208,27 @@ def test_after_a_gap_the_track_is_found_again(street, method, prior):
     assert found[-1][1].is_localized
 
 
-def test_scans_that_show_nothing_are_bridged_for_a_while_and_then_it_is_lost(street, method):
+def test_scans_of_few_points_are_bridged_for_a_while_and_then_it_is_lost(street, method):
     ride = Ride(Tracker(method), street)
     answers(ride, np.arange(30.0, 38.0, 1.0))
-    hidden = answers(ride, np.arange(38.0, 48.0, 1.0), scan=street.clutter(), prior=None)
-    assert hidden[0][1].is_localized and "for the scan itself" in hidden[0][1].reason
-    assert not any(estimate is not None and estimate.is_localized for _, estimate in hidden[3:])
-    assert hidden[2][1] is not None and hidden[2][1].covariance[0, 0] > hidden[0][1].covariance[0, 0]
+    bridged = []
+    for x in np.arange(38.0, 48.0, 1.0):
+        seen = street.scan(where(x))
+        bridged.append(ride.to(x, scan=Scan(seen.points[:40], seen.normals[:40]), prior=None))
+    assert bridged[0].is_localized and "for the scan itself" in bridged[0].reason
+    assert not bridged[-1].is_localized
+    assert bridged[2].covariance[0, 0] > bridged[0].covariance[0, 0]
+    again = answers(ride, np.arange(36.0, 48.0, 1.0))
+    assert again[-1][1].is_localized and wrong(again) == []
+
+
+def test_a_scan_that_shows_nothing_of_the_place_is_not_localized(street, method):
+    """A vehicle that was carried away sees it at once: of its scans hardly a point matches."""
+    ride = Ride(Tracker(method), street)
+    answers(ride, np.arange(30.0, 38.0, 1.0))
+    hidden = answers(ride, np.arange(38.0, 42.0, 1.0), scan=street.clutter(), prior=None)
+    assert not any(estimate is not None and estimate.is_localized for _, estimate in hidden)
+    assert "speaks against the predicted place" in hidden[0][1].reason
     again = answers(ride, np.arange(36.0, 48.0, 1.0))
     assert again[-1][1].is_localized and wrong(again) == []
 

@@ -27,6 +27,9 @@ LEAST_EVIDENCE = 0.05
 MOST_HYPOTHESES = 8
 # What has agreed for long is not doubted for one scan that is hidden, but for the third in a row.
 MOST_AGREEMENT = 4.0
+# The share of a scan that agreed is averaged with those before, which weigh this. A scan of which less than this ratio
+# of the usual share matches is not of this place.
+USUAL_LASTS, LEAST_OF_USUAL = 0.8, 0.2
 STANDSTILL = Motion.none()
 
 # Of an estimate without a covariance: a cell's and a heading step's own, and what the map and the scan add, m and rad.
@@ -53,6 +56,7 @@ class Hypothesis:
         and halved with each scan that did not: so many whole scans lie on the map.
     n_refused: scans in a row that did not, up to now.
     estimate: what the search around it answered last.
+    usual_share: of their points that scans matched here, averaged over the last ones that agreed.
     """
 
     anchor: UncertainPose
@@ -61,6 +65,7 @@ class Hypothesis:
     agreement: float = 0.0
     n_refused: int = 0
     estimate: Estimate | None = None
+    usual_share: float = 0.0
 
     def moved(self, motion: Motion) -> "Hypothesis":
         """Return it after a motion."""
@@ -78,7 +83,19 @@ class Hypothesis:
     def agreed(self, anchor: UncertainPose, estimate: Estimate) -> "Hypothesis":
         """Return it after a scan that agreed."""
         agreement = min(self.agreement + estimate.share, MOST_AGREEMENT)
-        return replace(self, anchor=anchor, motion=STANDSTILL, agreement=agreement, n_refused=0, estimate=estimate)
+        usual = estimate.share + USUAL_LASTS * (self.usual_share - estimate.share) * (self.usual_share > 0.0)
+        return replace(
+            self, anchor=anchor, motion=STANDSTILL, agreement=agreement, n_refused=0, estimate=estimate,
+            usual_share=usual,
+        )  # fmt: skip
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the last scan speaks against this place: it misses more than what hides a part of the map."""
+        if self.n_refused == 0 or self.estimate is None:
+            return False
+        is_against = self.estimate.status in (Status.MISFIT, Status.AT_RIM, Status.AMBIGUOUS)
+        return is_against or self.estimate.share < LEAST_OF_USUAL * self.usual_share
 
     def refused(self, estimate: Estimate) -> "Hypothesis":
         """Return it after a scan that did not agree."""

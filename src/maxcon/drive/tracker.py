@@ -271,6 +271,8 @@ class Tracker:
             return why, f"scans have agreed with this place by {best.agreement:.2f} of a whole one so far"
         if place.sigma > options.largest_sigma:
             return why, f"known to {place.sigma:.2f} m only"
+        if best.is_contradicted:
+            return why, "the scan speaks against the predicted place"
         if best.n_refused > 0:
             return (Status.LOCALIZED, f"predicted over {best.motion.distance:.1f} m, for the scan itself: {why}")
         return Status.LOCALIZED, ""
