@@ -97,7 +97,7 @@ def make_seeds(folder: Path, others: Path | None = None) -> list[Seed]:
 
 def _seeds_of(folder: Path) -> Iterator[Seed]:
     """Yield the files of a folder that some reader is for."""
-    readers = {**dict.fromkeys(CLOUD_SUFFIXES, "cloud"), ".pcd": "scan"}
+    readers = dict.fromkeys(CLOUD_SUFFIXES, "cloud")
     readers |= dict.fromkeys((*RECORDING_SUFFIXES, CAPTURE_SUFFIX), "recording")
     for path in sorted(folder.rglob("*")):
         suffix = path.suffix.lower()
@@ -155,11 +155,11 @@ def _scans(folder: Path) -> Iterator[Seed]:
             "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
             f"WIDTH {N_POINTS}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {N_POINTS}\nDATA {kind}\n"
         )
-        yield Seed(f"pcd {kind}", "scan", "1.5.pcd", head.encode() + body)
+        yield Seed(f"pcd {kind}", "cloud", "1.5.pcd", head.encode() + body)
     few = np.round(single / 4.0)  # what does not compress, pypcd4 writes uncompressed
     compressed = pypcd4.PointCloud.from_xyz_points(few)
     compressed.save(folder / "1.5.pcd", encoding=pypcd4.Encoding.BINARY_COMPRESSED)
-    yield _of_file("pcd compressed", "scan", folder / "1.5.pcd")
+    yield _of_file("pcd compressed", "cloud", folder / "1.5.pcd")
     yield _of_file("copc", "part", write_copc(folder / "1.5.copc.laz", np.tile(10.0 * POINTS, (4, 1)) % SIDE))
 
 

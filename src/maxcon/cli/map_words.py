@@ -46,6 +46,8 @@ def print_manifest(manifest: "Manifest") -> None:
         ("normals", f"{build.get('normals', 'unknown')}, {signed}"),
         ("ground", _ground(manifest)),
     ]
+    if "spacing" in build:
+        rows.append(("spacing", _spacing(build["spacing"], manifest.cell)))
     if "found" in build:
         rows.append(("found", _found(build["found"])))
     rows += [("sigma", _sigma(manifest)), ("made by", str(build.get("program", "unknown")))]
@@ -80,6 +82,22 @@ def _ground(manifest: "Manifest") -> str:
     origin = manifest.build.get("ground", "unknown")
     n_heights = manifest.ground.rows["n_rows"].sum()
     return f"{n_heights:,} heights in cells of {ground_voxels(manifest.cell) * manifest.cell:g} m, {origin}"
+
+
+def _spacing(spacing: Mapping[str, Any], cell: float) -> str:
+    """How far apart the points lie, and whether the voxels suit that."""
+    from maxcon.mapping.build.spacing import MARGIN
+
+    median, at_90, suits = spacing["median"], spacing["at_90"], spacing["suits_cell"]
+    if at_90 >= MARGIN:
+        return (
+            f"points lie {median:.3f} m apart in the median, more than a tenth of them {MARGIN:g} m or more: too sparse"
+            " for surfaces, few scans will match"
+        )
+    words = f"points lie {median:.3f} m apart in the median, 90 % of them within {at_90:.3f} m: "
+    if cell < 0.7 * suits:
+        return words + f"surfaces have holes in voxels of {cell:g} m; --cell {suits:g} suits them"
+    return words + f"voxels of {cell:g} m have few holes"
 
 
 def _found(found: Mapping[str, Any]) -> str:

@@ -74,7 +74,10 @@ class CloudOptions(OptionGroup, title="Inputs"):
     """Which points are taken, and where they are."""
 
     clouds: list[Path] = argument(
-        ..., "LAS, LAZ, COPC, PLY, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt).", "CLOUD..."
+        ...,
+        "LAS, LAZ, COPC, PLY, PCD, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt); or folders of clouds (there"
+        " .csv and .txt are left alone).",
+        "CLOUD...",
     )
     trajectory: Path | None = flag(
         None,
@@ -123,7 +126,13 @@ class MapOutput(OptionGroup, title="Output"):
 
     out: Path = flag(..., "Folder of the map to write.", "--out", "-o", metavar="MAP")
     overwrite: bool = flag(False, "Replace the map if there is one.")
-    cell: float = flag(0.06, "Voxel edge, and cell edge of the search, in m.", metavar="M", rich_help_panel="Map")
+    cell: float | None = flag(
+        None,
+        "Voxel edge, and cell edge of the search, in m. Default: by how far apart the points lie; 0.06 in dense clouds,"
+        " a multiple of it in thinned ones.",
+        metavar="M",
+        rich_help_panel="Map",
+    )
     sigma: float | None = flag(
         None,
         "How well the map is known: standard deviation of its position along any axis, in m. Default: from the"

@@ -77,7 +77,7 @@ def test_what_is_no_cloud_is_refused(tmp_path, lines, words):
 
 def test_other_suffixes_and_empty_files(tmp_path):
     (tmp_path / "a.dxf").write_text("0 0 0")
-    suffixes = r"\.las, \.laz, \.ply, \.npz, \.e57, \.xyz, \.csv, \.txt"
+    suffixes = r"\.las, \.laz, \.ply, \.pcd, \.npz, \.e57, \.xyz, \.csv, \.txt"
     with pytest.raises(FileError, match=rf"suffix {suffixes}, got .*a\.dxf\. Convert"):
         open_cloud(tmp_path / "a.dxf")
     for suffix in CLOUD_SUFFIXES:

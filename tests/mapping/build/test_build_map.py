@@ -19,7 +19,7 @@ def test_voxels_are_those_of_the_same_points_in_memory(tmp_path, cloud_files, sc
     points = np.round(scene, 3) + 0.0003 if kind in ("npz", "ply") else np.round(scene, 3)
     writer = getattr(cloud_files, "las" if kind == "laz" else kind)
     path = writer(tmp_path / f"a.{kind}", points)
-    manifest = build_map([path], tmp_path / "a.map")
+    manifest = build_map([path], tmp_path / "a.map", MapOptions(cell=CELL))
     opened = PointMap.open(tmp_path / "a.map")
     np.testing.assert_allclose(np.array(opened.frame.origin) % (512 * CELL) % (512 * CELL - 1e-6), 0.0, atol=1e-5)
     if kind in ("las", "laz"):
@@ -56,7 +56,7 @@ def test_a_thin_survey_of_thousands_of_tiles_makes_a_few_files(tmp_path, cloud_f
     """Two points in a tile, as from an aeroplane: no tile costs a file, neither in the end nor on the way."""
     rng = np.random.default_rng(0)
     points = rng.uniform(0.0, 1200.0, (2200, 3)) * [1.0, 1.0, 0.01]
-    manifest = build_map([cloud_files.npz(tmp_path / "a.npz", points)], tmp_path / "a.map")
+    manifest = build_map([cloud_files.npz(tmp_path / "a.npz", points)], tmp_path / "a.map", MapOptions(cell=CELL))
     assert len(manifest.tiles) > 1000
     assert len([path for path in (tmp_path / "a.map").rglob("*") if path.is_file()]) <= 5
     assert PointMap.open(tmp_path / "a.map").all_voxels()[1].sum() == 2200

@@ -65,7 +65,7 @@ def test_own_normals_with_sides_are_averaged_as_in_memory(tmp_path, cloud_files,
     normals = np.random.default_rng(5).normal(size=scene.shape)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     path = cloud_files.ply(tmp_path / "a.ply", scene, normals)
-    manifest = build_map([path], tmp_path / "a.map", MapOptions(normals_have_sides=True))
+    manifest = build_map([path], tmp_path / "a.map", MapOptions(cell=CELL, normals_have_sides=True))
     opened = PointMap.open(tmp_path / "a.map")
     local = scene - np.array(opened.frame.origin)
     assert_same_voxels(opened, PointMap.from_points(local, normals, CELL))

@@ -8,7 +8,7 @@ import pytest
 from built_maps import CELL, left_over, trajectory_at
 
 from maxcon import PointMap
-from maxcon.errors import CrsError, MapError, OptionError, TrajectoryError
+from maxcon.errors import CrsError, FileError, MapError, OptionError, TrajectoryError
 from maxcon.mapping.build import MapOptions, build_map
 from maxcon.mapping.build.options import class_name, parse_classes
 
@@ -44,6 +44,21 @@ def test_sources_of_different_crs_are_refused(tmp_path, cloud_files, some_points
         with pytest.raises(CrsError, match=words):
             build_map(sources, tmp_path / "x.map", MapOptions(crs=crs))
     assert not (tmp_path / "x.map").exists()
+
+
+def test_a_folder_stands_for_its_clouds_but_not_for_texts(tmp_path, cloud_files, some_points):
+    (tmp_path / "clouds").mkdir()
+    for name, part in (("b.ply", some_points[::2]), ("a.npz", some_points[1::2])):
+        getattr(cloud_files, name[2:])(tmp_path / "clouds" / name, part)
+    (tmp_path / "clouds" / "trajectory.txt").write_text("0 1 2 3 0 0 0 1")
+    manifest = build_map([tmp_path / "clouds"], tmp_path / "a.map")
+    assert [source["name"] for source in manifest.build["sources"]] == ["a.npz", "b.ply"]
+    assert manifest.n_points == len(some_points)
+    with pytest.raises(FileError, match=r"each point cloud once, got .*b\.ply"):
+        build_map([tmp_path / "clouds", tmp_path / "clouds" / "b.ply"], tmp_path / "b.map")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileError, match=r"Expected point clouds in .*empty \(\.las, .*\.pcd.*\), got none"):
+        build_map([tmp_path / "empty"], tmp_path / "b.map")
 
 
 def test_a_trajectory_that_does_not_fit_is_refused(tmp_path, cloud_files, some_points):

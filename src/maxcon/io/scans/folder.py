@@ -16,10 +16,10 @@ from maxcon._system.regular_file import check_regular
 from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
+from maxcon.io.clouds.pcd import read_pcd
 from maxcon.io.point_records import CloudPoints, are_returns, coordinate_fields, times_and_rings, words_of
 from maxcon.io.point_times import PointTimes, find_point_times
 from maxcon.io.raw_scan import RawScan, Scans, scan_within
-from maxcon.io.scans.pcd import read_pcd
 from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float, reading
 
 # The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take

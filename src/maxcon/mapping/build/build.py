@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from shutil import rmtree
 
@@ -29,6 +30,7 @@ from maxcon.mapping.build.ground import GROUND_POINT, ground_among, ground_recor
 from maxcon.mapping.build.map_sigma import PlaceSample, aligned_sigma, map_sigma
 from maxcon.mapping.build.options import FOUND, MapOptions, class_name
 from maxcon.mapping.build.sources import SidedPoints, Source, check_sides, open_headers, read_source, sources_in_crs
+from maxcon.mapping.build.spacing import point_spacing
 from maxcon.mapping.build.tile_points import POINT, TileBuckets, point_records
 from maxcon.mapping.build.tiles import TileJob, TileStep, TileSteps, by_engine, by_threads
 
@@ -79,14 +81,20 @@ def build_map(
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and options.to_crs is None and all(header.has_normals for header in headers)
         is_signed = options.trajectory is not None or use_normals
-        buckets = _Buckets(folder.absolute() / "points", _origin(read, options), options)
-        _sort_into_tiles(read, buckets, use_normals, report)
+        sort = partial(_sorted_into_tiles, folder.absolute() / "points", use_normals=use_normals, report=report)
+        buckets = sort(read, options)
+        spacing = point_spacing(buckets.points, options.edge)
+        if options.cell is None and spacing is not None and spacing.cell != options.edge:
+            rmtree(buckets.folder)
+            options = replace(options, cell=spacing.cell)
+            _, read = sources_in_crs(headers, options)
+            buckets = sort(read, options)
         sigma, how_known = map_sigma(options.sigma, buckets.sample, aligned)
         finds_classes, drop = buckets.may_find_classes(read), options.dropped_found_classes() & FOUND
         ground = "found by a morphological filter" if finds_classes else "of level surfaces"
         ground = "of its classes" if buckets.ground.keys else ground
         job = TileJob(
-            buckets.folder, options.cell, use_normals, is_signed,
+            buckets.folder, options.edge, use_normals, is_signed,
             finds_surfaces=ground == "of level surfaces", drop=drop if finds_classes else None,
         )  # fmt: skip
         with MapWriter(folder) as writer:
@@ -103,10 +111,12 @@ def build_map(
                 "sources": [source.describe() for source in read],
                 "sigma": how_known,
             }
+            if spacing is not None:
+                build["spacing"] = spacing.describe()
             if finds_classes:
                 build["found"] = describe_found(found, drop, has_times=bool(buckets.observations.keys))
             rmtree(buckets.folder)
-            return writer.finish(Manifest(options.cell, buckets.origin, crs, is_signed, {}, build, sigma))
+            return writer.finish(Manifest(options.edge, buckets.origin, crs, is_signed, {}, build, sigma))
 
 
 def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None:
@@ -127,7 +137,7 @@ def _origin(sources: Sequence[Source], options: MapOptions) -> tuple[float, floa
 
     Origins are whole tiles apart, so that maps of one cell edge share their voxels.
     """
-    edge = TILE_VOXELS * options.cell
+    edge = TILE_VOXELS * options.edge
     lowest = np.min([source.first_point() for source in sources], axis=0)
     if options.area is not None:
         lowest[:2] = options.area.x_min, options.area.y_min
@@ -153,7 +163,7 @@ class _Buckets:
 
     def add(self, part: SidedPoints, sources: Sequence[Source]) -> None:
         """Take points; ArrayError if one is too far from the origin."""
-        cell, points = self.options.cell, part.points - self.origin
+        cell, points = self.options.edge, part.points - self.origin
         self.points.add(*point_records(points, part.sides, cell))
         self.ground.add(*ground_records(part.ground - self.origin, cell))
         if part.times is not None:
@@ -168,16 +178,19 @@ class _Buckets:
         self.observations.complete(to_disk=to_disk)
 
 
-def _sort_into_tiles(sources: Sequence[Source], buckets: _Buckets, use_normals: bool, report: Progress) -> None:
-    """Read all sources into buckets."""
-    options, n_total = buckets.options, sum(source.header.n_points for source in sources)
+def _sorted_into_tiles(
+    folder: Path, sources: Sequence[Source], options: MapOptions, *, use_normals: bool, report: Progress
+) -> _Buckets:
+    """Read all sources into buckets in a folder."""
+    buckets = _Buckets(folder, _origin(sources, options), options)
+    n_total = sum(source.header.n_points for source in sources)
     for source in sources:
         for part in read_source(source, options, use_normals=use_normals):
             try:
                 buckets.add(part, sources)
             except ArrayError as error:
                 raise MapError(
-                    f"Expected all points within {INDEX_LIMIT * options.cell:.3g} m ({INDEX_LIMIT:,} voxels) of the"
+                    f"Expected all points within {INDEX_LIMIT * options.edge:.3g} m ({INDEX_LIMIT:,} voxels) of the"
                     f" first, got one in {source.header.path} farther away. Remove it from the cloud, or enlarge the"
                     " cell."
                 ) from error
@@ -185,7 +198,7 @@ def _sort_into_tiles(sources: Sequence[Source], buckets: _Buckets, use_normals: 
             if n_tiles > MOST_SPARSE_TILES and n_points < LEAST_POINTS_OF_TILE * n_tiles:
                 raise MapError(
                     f"Expected a dense cloud in metres, got {n_points:,} points in {n_tiles:,} squares of"
-                    f" {TILE_VOXELS * options.cell:g} m, the last in {source.header.path}. Are its coordinates in"
+                    f" {TILE_VOXELS * options.edge:g} m, the last in {source.header.path}. Are its coordinates in"
                     " millimetres? Scale them."
                 )
             report("reading points", sum(each.n_points for each in sources), n_total)
@@ -203,6 +216,8 @@ def _sort_into_tiles(sources: Sequence[Source], buckets: _Buckets, use_normals: 
         )
     if options.trajectory is not None:
         check_sides(sources, options.trajectory)
+    buckets.complete(to_disk=False)
+    return buckets
 
 
 def _makers(
@@ -255,7 +270,7 @@ def _write_tiles(
 
 def _ground_tiles(buckets: _Buckets, surfaces: dict[TileKey, NDArray[np.float32]]) -> Iterable[GroundTile]:
     """Ground of all tiles: of points that are classified as ground, or else among level surfaces."""
-    cell = buckets.options.cell
+    cell = buckets.options.edge
     for key in buckets.ground.keys:
         records = buckets.ground.load(key)
         buckets.ground.remove(key)

@@ -45,6 +45,7 @@ UNCLASSIFIED = frozenset(CLASS_NAMES["unclassified"])
 NOISE = frozenset(CLASS_NAMES["noise"])
 
 Classify = Literal["auto", "always", "off"]
+LEAST_CELL = 0.06  # m; the paper's, and that of dense maps
 LARGEST_CLASSIFIED_CELL = 0.25  # m: in larger voxels classes cannot be found from the shapes of surfaces
 
 
@@ -124,7 +125,7 @@ class Area:
 class MapOptions:
     """How a map is made of its points.
 
-    - cell: voxel edge, m.
+    - cell: voxel edge, m; one that suits the spacing of the points if None, 0.06 m or a multiple of it.
     - drop: classes to leave out, by name or number; ground, vegetation, noise, temporal exclusion and the vehicle
       classes if None, and of these only the last where classes are not the ASPRS's (not LAS).
     - vehicle_classes: numbers of classes that mean vehicles; they are left out whatever `drop` names.
@@ -144,7 +145,7 @@ class MapOptions:
       vehicles count then), or "off". Where they are found, ground and temporary objects are left out if `drop` is None.
     """
 
-    cell: float = 0.06
+    cell: float | None = None
     drop: Sequence[str] | None = None
     vehicle_classes: Iterable[int] = ()
     trajectory: Trajectory | None = None
@@ -159,9 +160,10 @@ class MapOptions:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
-        if not CELLS[0] <= self.cell <= CELLS[1]:
+        if not CELLS[0] <= self.edge <= CELLS[1]:
             raise ArrayError(
-                f"Expected a positive voxel edge, {CELLS[0]:g} to {CELLS[1]:g} m, got {self.cell}. The default is 0.06."
+                f"Expected a positive voxel edge, {CELLS[0]:g} to {CELLS[1]:g} m, got {self.cell}. Leave it out, and it"
+                " is chosen by how far apart the points lie."
             )
         if self.keep_every < 1 or self.classify not in get_args(Classify):
             raise OptionError(
@@ -173,18 +175,23 @@ class MapOptions:
                 "Expected the clouds' own normals in the CRS of the map, got points that are to be transformed. Leave"
                 " out --signed-normals or --to-crs."
             )
-        if self.classify == "always" and self.cell > LARGEST_CLASSIFIED_CELL:
+        if self.classify == "always" and self.edge > LARGEST_CLASSIFIED_CELL:
             raise OptionError(
-                f"Expected voxels of at most {LARGEST_CLASSIFIED_CELL:g} m to tell shapes by, got {self.cell:g} m."
-                " Leave out --classify, or make the cell smaller."
+                f"Expected voxels of at most {LARGEST_CLASSIFIED_CELL:g} m to tell shapes by, got {self.edge:g} m."
+                " Leave out --classify, or make the cell smaller (--cell)."
             )
         if self.sigma is not None:
             check_sigma(self.sigma)
 
     @property
+    def edge(self) -> float:
+        """The voxel edge, m; where it is still to be chosen, the one that points are looked at with."""
+        return LEAST_CELL if self.cell is None else self.cell
+
+    @property
     def may_find_classes(self) -> bool:
         """Whether classes are found, or may be once all points are read."""
-        is_possible = self.cell <= LARGEST_CLASSIFIED_CELL and bool(self.dropped_found_classes() & FOUND)
+        is_possible = self.edge <= LARGEST_CLASSIFIED_CELL and bool(self.dropped_found_classes() & FOUND)
         return self.classify == "always" or (self.classify == "auto" and is_possible)
 
     def dropped_found_classes(self) -> frozenset[int]:

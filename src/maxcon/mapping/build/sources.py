@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
-from maxcon.io.clouds import Bounds, CloudChunk, CloudHeader, open_cloud
+from maxcon.io.clouds import CLOUD_SUFFIXES, Bounds, CloudChunk, CloudHeader, open_cloud
 from maxcon.io.crs import PointTransform, metric_crs, same_crs
 from maxcon.mapping.build.options import GROUND, NOISE, UNCLASSIFIED, Area, MapOptions, parse_classes
 from maxcon.scan.trajectory import Trajectory
 
 FARTHEST_SENSOR = 20_000.0  # m; no scanner sees so far, from an aeroplane neither
 LARGEST_TIME_GAP = 0.5  # s; farther from any pose of the trajectory, a point's sensor position is not known
+NOT_IN_FOLDERS = (".csv", ".txt")  # suffixes of clouds, but beside clouds usually of trajectories and notes
 FIRST_POINTS = 1000  # among so many at the start of a source its first finite point is looked for
 
 
@@ -88,10 +89,10 @@ class SidedPoints(NamedTuple):
 
 
 def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
-    """Headers of all sources; FileError if there is none, one is named twice, or one cannot be read."""
+    """Headers of all sources, of a folder its clouds; FileError if there is none, one twice, or one cannot be read."""
     if not paths:
-        raise FileError("Expected at least one point cloud, got none. Name LAS, LAZ, PLY, NPZ, E57 or XYZ files.")
-    files = [Path(path) for path in paths]
+        raise FileError("Expected at least one point cloud, got none. Name LAS, LAZ, PLY, PCD, NPZ, E57 or XYZ files.")
+    files = [file for path in paths for file in _files_at(Path(path))]
     twice = [file for file, number in Counter(file.resolve() for file in files).items() if number > 1]
     if twice:
         raise FileError(f"Expected each point cloud once, got {twice[0]} more than once. Name it once.")
@@ -100,6 +101,20 @@ def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
         with open_cloud(file) as reader:
             headers.append(reader.header)
     return headers
+
+
+def _files_at(path: Path) -> list[Path]:
+    """Return the clouds in a folder, by name, or the file itself."""
+    if not path.is_dir():
+        return [path]
+    suffixes = [suffix for suffix in CLOUD_SUFFIXES if suffix not in NOT_IN_FOLDERS]
+    files = sorted(file for file in path.iterdir() if file.suffix.lower() in suffixes)
+    if not files:
+        raise FileError(
+            f"Expected point clouds in {path} ({', '.join(suffixes)}), got none. Name another folder, or the files"
+            f" ({', '.join(NOT_IN_FOLDERS)} are taken only so)."
+        )
+    return files
 
 
 def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:

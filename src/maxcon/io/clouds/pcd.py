@@ -1,21 +1,30 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Reads PCD files; their header is checked against the size of the file before points are read."""
+"""PCD: ascii, binary and compressed; the header is checked against the size of the file before points are read."""
 
 import io
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import needs_extra
-from maxcon.io.clouds.base import as_file_error
+from maxcon.io.clouds.base import (
+    Bounds,
+    CloudChunk,
+    CloudHeader,
+    CloudReader,
+    as_classes,
+    as_file_error,
+    as_float64,
+    rows_at_a_time,
+)
 from maxcon.io.point_records import coordinate_fields, record_type
-from maxcon.io.text import read_table
+from maxcon.io.text import MAX_LINES, read_table
 
 MAX_HEADER_BYTES = 2**16
 MAX_COLUMNS = 10_000
@@ -23,7 +32,57 @@ MAX_RATIO = 300
 """The compression of PCD reaches 88 at the very most."""
 TYPES = {"F4", "F8", "U1", "U2", "U4", "U8", "I1", "I2", "I4", "I8"}
 ENCODINGS = ("ascii", "binary", "binary_compressed")
+KIND = "a PCD file of points"
+NORMAL_NAMES = ("normal_x", "normal_y", "normal_z")
+CLASS_NAMES, TIME_NAMES = ("classification", "class", "label"), ("gps_time", "time", "timestamp")
+MAX_POINTS = 10**12
 KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
+
+
+class PcdReader(CloudReader):
+    """Points of a PCD file of a map; with normals, classes and times where it has such fields.
+
+    Normals are normal_x, normal_y, normal_z; classes `classification`, `class` or `label`; times, of the trajectory's
+    clock, `gps_time`, `time` or `timestamp`. A compressed file, of at most 4 GiB by its format, is in memory as a
+    whole while it is read, others by pieces. FileError as of `read_pcd`.
+    """
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        with as_file_error(file, KIND), file.open("rb") as stream:
+            self._layout = _read_layout(stream, MAX_POINTS)
+        dtype = self._layout.dtype
+        names = [name for name, kind in _fields(dtype) if not kind.shape]
+        self._points = coordinate_fields(dtype, "fiu")
+        has_normals = set(NORMAL_NAMES) <= set(names)
+        self._normals = coordinate_fields(dtype, "fiu", NORMAL_NAMES) if has_normals else None
+        self._classes = next((name for name in CLASS_NAMES if name in names), None)
+        self._times = next((name for name in TIME_NAMES if name in names), None)
+        self.header = CloudHeader(
+            path=file,
+            n_points=self._layout.n_points,
+            has_normals=has_normals,
+            has_classes=self._classes is not None,
+            has_times=self._times is not None,
+        )
+
+    def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
+        n_most = rows_at_a_time(max_points, self._layout.dtype.itemsize)
+        if self._layout.encoding == "ascii":
+            n_most = min(n_most, MAX_LINES)
+        with as_file_error(self.header.path, KIND), self.header.path.open("rb") as stream:
+            stream.seek(self._layout.start)
+            for records in _pieces(self.header.path, stream, self._layout, n_most):
+                yield CloudChunk(
+                    points=_table(records, self._points),
+                    normals=None if self._normals is None else _table(records, self._normals),
+                    classes=None if self._classes is None else as_classes(records[self._classes]),
+                    times=None if self._times is None else as_float64(records[self._times]),
+                )
+
+
+def _table(records: NDArray[np.void], names: list[str]) -> NDArray[np.float64]:
+    return np.stack([as_float64(records[name]) for name in names], axis=1)
 
 
 class _Layout(NamedTuple):
@@ -45,20 +104,34 @@ def read_pcd(file: Path, n_most: int) -> NDArray[np.void]:
     """
     with as_file_error(file, f"a PCD file of 1 to {n_most:,} points"), file.open("rb") as stream:
         layout = _read_layout(stream, n_most)
-        if layout.encoding == "binary":
-            return np.fromfile(stream, layout.dtype, layout.n_points)
-        records = np.empty(layout.n_points, layout.dtype)
-        columns = _unpacked(file, stream, layout) if layout.encoding == "binary_compressed" else _parsed(stream, layout)
-        with np.errstate(invalid="ignore"):  # NaN in a field of integers
-            for name, values in columns:
-                records[name] = values
-        return records
+        return next(_pieces(file, stream, layout, layout.n_points))
 
 
-def _parsed(stream: BinaryIO, layout: _Layout) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """Yield the fields of an ascii file and their numbers."""
-    text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n")
-    table = read_table(text, layout.n_points, _n_columns(layout.dtype))
+def _pieces(file: Path, stream: BinaryIO, layout: _Layout, n_most: int) -> Iterator[NDArray[np.void]]:
+    """Yield the points as records, at most so many at a time; the stream is at the first point."""
+    text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n") if layout.encoding == "ascii" else None
+    columns = dict(_unpacked(file, stream, layout)) if layout.encoding == "binary_compressed" else None
+    for start in range(0, layout.n_points, n_most):
+        n_rows = min(n_most, layout.n_points - start)
+        if columns is not None:
+            yield _records({name: values[start : start + n_rows] for name, values in columns.items()}, layout, n_rows)
+        elif text is not None:
+            yield _records(dict(_parsed(text, layout, n_rows)), layout, n_rows)
+        else:
+            yield np.fromfile(stream, layout.dtype, n_rows)
+
+
+def _records(columns: dict[str, NDArray[Any]], layout: _Layout, n_rows: int) -> NDArray[np.void]:
+    records = np.empty(n_rows, layout.dtype)
+    with np.errstate(invalid="ignore"):  # NaN in a field of integers
+        for name, values in columns.items():
+            records[name] = values
+    return records
+
+
+def _parsed(text: TextIO, layout: _Layout, n_rows: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield the fields of the next rows of an ascii file and their numbers."""
+    table = read_table(text, n_rows, _n_columns(layout.dtype))
     at = 0
     for name, kind in _fields(layout.dtype):
         n_columns = math.prod(kind.shape)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from maxcon.errors import FileError, MissingExtraError
+from maxcon.io.clouds import open_cloud
+from maxcon.io.clouds.pcd import read_pcd
 from maxcon.io.point_records import coordinate_fields
-from maxcon.io.scans.pcd import read_pcd
 
 # Few distinct values: what does not compress, pypcd4 writes uncompressed.
 POINTS = np.random.default_rng(9).integers(-3, 4, (50, 3)).astype(np.float32)
@@ -131,3 +132,29 @@ def test_real_scans(real_data):
     paths = sorted(real_data("street-pcd").glob("*.pcd"))
     shapes = [read_pcd(path, 1_000_000).shape for path in paths]
     assert shapes == [(119_978,), (116_651,), (115_151,)]
+
+
+@pytest.mark.parametrize("encoding", ["ASCII", "BINARY", "BINARY_COMPRESSED"])
+def test_a_cloud_comes_in_pieces_with_normals_and_times(tmp_path, encoding):
+    """The same points, normals and times from any encoding, however large the pieces."""
+    pypcd4 = pytest.importorskip("pypcd4")
+    normals = np.tile(np.float32([0, 0, 1]), (50, 1))
+    times = np.repeat(np.arange(5.0), 10)
+    columns = [*POINTS.T, *normals.T, times]
+    names = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "gps_time")
+    cloud = pypcd4.PointCloud.from_points(columns, names, (np.float32,) * 6 + (np.float64,))
+    cloud.save(tmp_path / "a.pcd", encoding=pypcd4.Encoding[encoding])
+    assert f"DATA {encoding.lower()}\n".encode() in (tmp_path / "a.pcd").read_bytes()
+    for max_points, n_pieces in ((7, 8), (50, 1), (1000, 1)):
+        with open_cloud(tmp_path / "a.pcd") as reader:
+            header, chunks = reader.header, list(reader.chunks(max_points))
+        assert (header.n_points, header.has_normals, header.has_times, header.has_classes) == (50, True, True, False)
+        assert len(chunks) == n_pieces
+        for name, wanted in (("points", POINTS), ("normals", normals), ("times", times)):
+            np.testing.assert_array_equal(np.concatenate([getattr(chunk, name) for chunk in chunks]), wanted)
+
+
+def test_a_cloud_that_ends_early_is_refused(tmp_path):
+    (tmp_path / "a.pcd").write_text(header(WIDTH="3", POINTS="3") + "1 2 3\n1 2 3\n" + 9 * " ")
+    with open_cloud(tmp_path / "a.pcd") as reader, pytest.raises(FileError, match=r"1 rows of numbers fewer"):
+        list(reader.chunks())
