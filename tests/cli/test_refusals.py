@@ -152,7 +152,8 @@ def test_clouds_of_no_use(not_built, write_las, street, street_npz, tmp_path):
     np.savez(far, points=np.concatenate([street, [[1e300, 0.0, 0.0]]]))
     drive.write_text("0 550000 5802000 62 0 0 0 1\n9 550001 5802000 62 0 0 0 1\n")
     not_built(tmp_path / ("a" * 300), words=["too long"])
-    not_built(tmp_path, words=["is a directory", tmp_path])
+    (tmp_path / "folder").mkdir()
+    not_built(tmp_path / "folder", words=["point clouds in", "folder", ".pcd", "got none"])
     not_built(street_npz, street_npz, words=["street.npz", "more than once"])
     not_built(street_npz, broken_half_way(write_las("b.laz", crs=None)), words=["b.laz"])  # the first was whole
     not_built(far, words=[far, "farther away", "Remove it"])

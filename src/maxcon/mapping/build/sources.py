@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.io.clouds import CLOUD_SUFFIXES, Bounds, CloudChunk, CloudHeader, open_cloud
 from maxcon.io.crs import PointTransform, metric_crs, same_crs
+from maxcon.io.text import reading
 from maxcon.mapping.build.options import GROUND, NOISE, UNCLASSIFIED, Area, MapOptions, parse_classes
 from maxcon.scan.trajectory import Trajectory
 
@@ -105,10 +106,11 @@ def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
 
 def _files_at(path: Path) -> list[Path]:
     """Return the clouds in a folder, by name, or the file itself."""
-    if not path.is_dir():
-        return [path]
     suffixes = [suffix for suffix in CLOUD_SUFFIXES if suffix not in NOT_IN_FOLDERS]
-    files = sorted(file for file in path.iterdir() if file.suffix.lower() in suffixes)
+    with reading(path, "a point-cloud file"):
+        if not path.is_dir():
+            return [path]
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in suffixes)
     if not files:
         raise FileError(
             f"Expected point clouds in {path} ({', '.join(suffixes)}), got none. Name another folder, or the files"
