@@ -184,3 +184,44 @@ def test_where_the_ground_of_the_answer_is_another_it_is_searched_again_from_the
     estimate = MaximumConsensus(SearchSpace(3.6, CELL, 0.5, 0.5)).localize(scan, point_map, prior)
     np.testing.assert_allclose(estimate.pose.position, truth.position, atol=0.04)
     assert estimate.cell == (1, 60, 10)
+
+
+@pytest.fixture(scope="module", params=[True, False])
+def garage(request):
+    """Three storeys of a garage, 2.8 m high, whose pillars differ from storey to storey, or not; and a scan in the
+    second."""
+    rng, truth = np.random.default_rng(4), Pose(0.4, -0.3, 4.5, 0.0, 0.0, 0.2)
+    differs, clouds, floors = request.param, [], []
+    places = [rng.uniform(-9.0, 9.0, (14, 2)) for _ in range(3)]
+    for storey in range(3):
+        x, y = (grid.ravel() for grid in np.meshgrid(*2 * [np.arange(-12.0, 12.0, 0.1)]))
+        floors.append(np.column_stack([x, y, np.full(len(x), 2.8 * storey)]))
+        at, z = (grid.ravel() for grid in np.meshgrid(np.arange(-12.0, 12.0, 0.04), np.arange(0.1, 2.6, 0.04)))
+        sides = [(np.column_stack([0.0 * at + 12.03, at, z + 2.8 * storey]), [-1.0, 0.0, 0.0]),
+                 (np.column_stack([at, 0.0 * at - 12.03, z + 2.8 * storey]), [0.0, 1.0, 0.0])]  # fmt: skip
+        face, z = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, 0.6, 0.04), np.arange(0.1, 2.6, 0.04)))
+        for px, py in places[storey if differs else 0]:
+            sides.append((np.column_stack([px + 0.0 * face, py + face, z + 2.8 * storey]), [-1.0, 0.0, 0.0]))
+            sides.append((np.column_stack([px + face, py + 0.0 * face, z + 2.8 * storey]), [0.0, -1.0, 0.0]))
+        points = np.concatenate([part for part, _ in sides])
+        clouds.append((points, np.concatenate([np.tile(normal, (len(part), 1)) for part, normal in sides])))
+    point_map = PointMap.from_points(
+        *map(np.concatenate, zip(*clouds, strict=True)), CELL, ground=np.concatenate(floors)
+    )
+    seen, below = rng.permutation(len(clouds[1][0]))[:6000], rng.permutation(len(floors[1]))[:6000]
+    points = np.concatenate([clouds[1][0][seen], floors[1][below]])
+    normals = np.concatenate([clouds[1][1][seen], np.zeros((6000, 3))])
+    return differs, Scan((points - truth.position) @ truth.rotation, normals @ truth.rotation), point_map, truth
+
+
+@pytest.mark.parametrize("height", [0.0, -2.6, 2.4])
+def test_storeys_are_told_apart_or_the_answer_is_ambiguous(garage, height):
+    differs, scan, point_map, truth = garage
+    prior = replace(truth, x=truth.x + 0.6, z=truth.z + height)
+    estimate = MaximumConsensus(SearchSpace(1.0, heading_half_width_deg=2.0)).localize(scan, point_map, prior)
+    if differs:
+        assert estimate.is_localized
+        np.testing.assert_allclose(estimate.pose.position, truth.position, atol=0.05)
+    else:
+        assert estimate.status is Status.AMBIGUOUS
+        assert "the storey " in estimate.reason

@@ -12,7 +12,7 @@ to fine, over a thinned scan (`maxcon.cell_search`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from maxcon.cell_search import CellSearch
@@ -21,9 +21,10 @@ from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import Trust
 from maxcon.map import PointMap
+from maxcon.map.ground import HEADROOM
 from maxcon.refine import validate
 from maxcon.refine.adjustment import LAST_PASSES, PASSES
-from maxcon.refine.ground import GroundFit, fit_ground
+from maxcon.refine.ground import GroundFit, fit_ground, other_storeys
 from maxcon.scan import Scan
 from maxcon.search import Multiplicity, SearchMethod, Weighting, level_of
 from maxcon.search.accumulator import Accumulator
@@ -155,6 +156,9 @@ class MaximumConsensus:
         highest = max(range(len(starts)), key=lambda number: answers[number].score)
         found, (start, space) = answers[highest], starts[highest]
         found, ground = self._on_ground(found, prior, scan, point_map)
+        storey = self._rival_storey(found, answers)
+        if storey is not None:
+            return storey
         settled = self._settle(found, ground, start, scan, point_map)
         outermost = space.height_half_width - 0.5 * point_map.cell
         is_searched = ground is None and space.height_half_width > 0.0  # otherwise the ground says the height
@@ -165,13 +169,32 @@ class MaximumConsensus:
     def _starts(self, scan: Scan, point_map: PointMap, prior: Pose) -> list[tuple[Pose, SearchSpace]]:
         """The prior on the ground and the cells of that height; the prior and all heights where it cannot be told.
 
-        Where the two are far apart both are searched from: what looks like the ground may be the roofs of cars.
+        Where the two are far apart both are searched from: what looks like the ground may be the roofs of cars. So are
+        the next storeys above and below: heights of priors are off by more than a storey of a garage.
         """
         ground = fit_ground(scan, point_map, prior) if self.is_levelled else None
         if ground is None:
             return [(prior, self.space)]
         starts = [(ground.pose, self.space.plane)]
-        return starts if abs(ground.height) <= OTHER_GROUND else [*starts, (prior, self.space.plane)]
+        if abs(ground.height) > OTHER_GROUND:
+            starts.append((prior, self.space.plane))
+        for height in other_storeys(point_map, ground.pose):
+            there = fit_ground(scan, point_map, ground.pose.translated([0.0, 0.0, height]))
+            if there is not None:
+                starts.append((there.pose, self.space.plane))
+        return starts
+
+    def _rival_storey(self, found: Estimate, answers: Sequence[Estimate]) -> Estimate | None:
+        """The answer as ambiguous, if one of another storey scores nearly as high."""
+        rivals = [each for each in answers if abs(each.pose.z - found.pose.z) >= HEADROOM]
+        rival = max(rivals, key=lambda each: each.score, default=None)
+        if rival is None or rival.score <= self.trust.largest_runner_up * found.score:
+            return None
+        ratio, height = rival.score / found.score, rival.pose.z - found.pose.z
+        side = "above" if height > 0.0 else "below"
+        reason = f"the storey {abs(height):.1f} m {side} scores {ratio:.2f} of it"
+        reasons = "; ".join(filter(None, [found.reason, reason]))
+        return replace(found, status=Status.AMBIGUOUS, runner_up=max(found.runner_up, ratio), reason=reasons)
 
     def _on_ground(
         self, found: Estimate, around: Pose, scan: Scan, point_map: PointMap

@@ -83,6 +83,16 @@ def test_scans_that_are_in_the_map_already(localized, drive, tmp_path, frame):
     assert f"would be localized were the scans in {frame}: write them in the sensor's frame" in ended.out
 
 
+def test_mirrored_scans_are_told(localized, drive, tmp_path):
+    scans, folder = open_scans(drive.dataset.scans), tmp_path / "mirrored"
+    folder.mkdir()
+    for number in range(len(scans.times)):
+        np.savez(folder / f"{number}.npz", points=scans.read(number).points * [1.0, -1.0, 1.0])
+    (folder / "times.txt").write_text("\n".join(f"{time:.9f}" for time in scans.times) + "\n")
+    ended = localized(scans=folder)
+    assert "would be localized were the scans not mirrored: turn the sign of their y" in ended.out
+
+
 def test_where_nothing_fits_that_is_said(localized, priors):
     far = [(time, pose.translated([14.0, 9.0, 0.0])) for time, pose in priors]
     ended = localized(rows_of(far))

@@ -218,12 +218,11 @@ def print_summary(
 def print_alternative(
     point_map: "PointMap", scans: "Scans", epochs: "list[EpochEstimate]", method: "Method", options: "DriveOptions"
 ) -> None:
-    """Say what prior or scans would have to mean for epochs to be localized, where none is."""
+    """Say what prior or scans would have to mean for epochs to fit better."""
     from maxcon.drive.diagnosis import alternative_that_fits, heights_in_words
 
-    if any(epoch.pose_global is not None for epoch in epochs):
-        return
-    words = heights_in_words(point_map, [epoch.prior for epoch in epochs if epoch.prior is not None])
-    words = words or alternative_that_fits(point_map, scans, epochs, method, options)
+    is_any_localized = any(epoch.pose_global is not None for epoch in epochs)
+    priors = [epoch.prior for epoch in epochs if epoch.prior is not None and not is_any_localized]
+    words = heights_in_words(point_map, priors) or alternative_that_fits(point_map, scans, epochs, method, options)
     if words:
         typer.echo(words)

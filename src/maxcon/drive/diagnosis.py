@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Why no epoch of a drive is localized: heights far off the map's ground, or a usual slip of axes and angles."""
+"""Why epochs of a drive are not localized: heights far off the map's ground, or a usual slip of axes and angles."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from maxcon.errors import ArrayError, FileError, TrajectoryError
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
-from maxcon.io.scans import Scans
+from maxcon.io.scans import RawScan, Scans
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
@@ -24,7 +24,9 @@ LOWEST, HIGHEST = -5.0, 12.0
 """A sensor on a vehicle, and the errors of its receiver, lie between these above the ground, m."""
 REACH, N_POSES = 5.0, 50
 MOST_TRIED = 3
-"""Epochs; all of them must be localized."""
+"""Epochs; all of them must fit better."""
+CLEARLY, FEW_REFUSED = 1.05, 0.8
+"""Ratio of the sums of their scores; and part of the epochs from which on a drive is localized as it should be."""
 WITHOUT_SEARCH = (Status.UNREADABLE, Status.NO_PRIOR, Status.OUTSIDE_MAP, Status.FAILED)
 
 Points = NDArray[np.float64]
@@ -113,6 +115,9 @@ def _turn(words: str, roll_deg: float, heading_deg: float) -> Alternative:
     )
 
 
+MIRRORED = Alternative(
+    "were the scans not mirrored: turn the sign of their y", points=lambda points, prior, origin: points * [1, -1, 1]
+)
 ALTERNATIVES = (
     Alternative("were the quaternions of the prior qw qx qy qz: write them as qx qy qz qw", _scalar_first),
     Alternative(
@@ -127,6 +132,10 @@ ALTERNATIVES = (
     _turn("upside down", 180.0, 0.0),
     _turn("upside down and turned by 180 degrees", 180.0, 180.0),
     Alternative(
+        "were the scans not mirrored: turn the sign of their y",
+        points=lambda points, prior, origin: points * [1, -1, 1],
+    ),
+    Alternative(
         "were the scans in global coordinates: write them in the sensor's frame",
         points=lambda points, prior, origin: prior.inverse.apply(points - origin),
     ),
@@ -140,36 +149,48 @@ ALTERNATIVES = (
 def alternative_that_fits(
     point_map: PointMap, scans: Scans, epochs: Sequence[EpochEstimate], method: Method, options: DriveOptions
 ) -> str:
-    """Return in words which alternative localizes all epochs that are tried; empty if there is none to try.
+    """Return in words which alternative all epochs that are tried fit clearly better; empty if there is none to try.
 
-    Map, scans, method and options are those the drive was localized with, and none of the epochs is localized.
+    Map, scans, method and options are those the drive was localized with. Where nearly all epochs are localized only
+    mirrored scans are tried, which fit streets that are alike on both sides.
     """
-    searched = [(epoch.epoch, epoch.prior) for epoch in epochs if epoch.prior and epoch.status not in WITHOUT_SEARCH]
-    read = []
+    searched = [epoch for epoch in epochs if epoch.prior and epoch.status not in WITHOUT_SEARCH]
+    n_localized = sum(epoch.pose_global is not None for epoch in epochs)
+    tried = []
     for number in {round(float(at)) for at in np.linspace(0, len(searched) - 1, MOST_TRIED)} if searched else ():
-        epoch, prior = searched[number]
         with suppress(FileError):
-            raw = scans.read(epoch, 0.0, math.inf)
-            read.append((raw.points, prior, raw.time))
-    if not read:
+            tried.append((searched[number], scans.read(searched[number].epoch, 0.0, math.inf)))
+    if not tried:
         return ""
-    for alternative in ALTERNATIVES:
-        if all(_is_localized(alternative, *each, point_map, method, options) for each in read):
-            return f"{len(read)} of {len(read)} tried would be localized {alternative.words}"
-    return "meant otherwise (axes, angles, frames) they are not localized either"
+    are_fine = n_localized >= FEW_REFUSED * len(epochs)
+    scores: dict[str, float] = {}
+    for alternative in (MIRRORED,) if are_fine else ALTERNATIVES:
+        found = [_score(alternative, epoch, raw, point_map, method, options) for epoch, raw in tried]
+        own = [epoch.estimate.score if epoch.estimate and epoch.pose_global else 0.0 for epoch, _ in tried]
+        are_higher = all(score > before for score, before in zip(found, own, strict=True))
+        if are_higher and sum(found) > CLEARLY * sum(own):
+            scores[alternative.words] = sum(found)
+    if scores:
+        verb = "fit better" if n_localized else "localized"
+        return f"{len(tried)} of {len(tried)} tried would be {verb} {max(scores, key=lambda words: scores[words])}"
+    return "" if n_localized else "meant otherwise (axes, angles, frames) they are not localized either"
 
 
-def _is_localized(
-    alternative: Alternative, points: Points, prior: Pose, time: float, point_map: PointMap, method: Method,
+def _score(
+    alternative: Alternative, epoch: EpochEstimate, raw: RawScan, point_map: PointMap, method: Method,
     options: DriveOptions,
-) -> bool:  # fmt: skip
-    meant = alternative.prior(prior)
-    points_sensor = alternative.points(points, prior, np.array(point_map.frame.origin))
+) -> float:  # fmt: skip
+    """The score of an epoch meant otherwise; 0 where it is not localized."""
+    if epoch.prior is None:
+        return 0.0
+    meant = alternative.prior(epoch.prior)
+    points_sensor = alternative.points(raw.points, epoch.prior, np.array(point_map.frame.origin))
     ranges = np.linalg.norm(points_sensor, axis=1)
     kept = points_sensor[(ranges >= options.min_range) & (ranges <= options.max_range)]
     if not (len(kept) and point_map.covers(meant.x, meant.y, MAP_MARGIN)):
-        return False
+        return 0.0
     try:
-        return method.localize(Scan(kept, time=time), point_map, meant).is_localized
+        estimate = method.localize(Scan(kept, time=raw.time), point_map, meant)
     except ArrayError:  # numbers that no map can hold
-        return False
+        return 0.0
+    return estimate.score if estimate.is_localized else 0.0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.map import PointMap
+from maxcon.map.ground import HEADROOM
 from maxcon.scan import Scan
 
 # The scan's ground is looked for from NEAREST to FARTHEST around it (m): nearer there is the vehicle, farther rings
@@ -94,6 +95,23 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
         _aligned(pose, height, slope_x, slope_y), height, math.atan(math.hypot(slope_x, slope_y)), spread, n_cells,
         ratio, sigma_height, max(sigma_x, sigma_y),
     )  # fmt: skip
+
+
+def other_storeys(point_map: PointMap, pose: Pose) -> list[float]:
+    """How far the next storeys of the map's ground lie above (and below, negative) the one under a pose, m."""
+    heights = point_map.ground_around(pose.x, pose.y, AROUND).heights
+    if len(heights) < 2:
+        return []
+    own = np.where(heights <= pose.z, heights, -np.inf).max(axis=0)
+    own = np.where(np.isfinite(own), own, np.nanmin(np.where(np.isfinite(heights), heights, np.inf), axis=0))
+    away = np.where(np.isfinite(heights) & np.isfinite(own), heights - own, np.nan)
+    found = []
+    for side in (1.0, -1.0):
+        nearest = np.where(side * away >= HEADROOM, side * away, np.inf).min(axis=0)
+        known = nearest[nearest <= HIGHEST]
+        if len(known) >= FEWEST_SLOPE_CELLS:
+            found.append(side * float(np.median(known)))
+    return found
 
 
 def fit_ground_plane(scan: Scan) -> Pose | None:
