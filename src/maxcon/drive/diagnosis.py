@@ -171,8 +171,8 @@ def alternative_that_fits(
         if are_higher and sum(found) > CLEARLY * sum(own):
             scores[alternative.words] = sum(found)
     if scores:
-        verb = "fit better" if n_localized else "localized"
-        return f"{len(tried)} of {len(tried)} tried would be {verb} {max(scores, key=lambda words: scores[words])}"
+        verb = "fit better" if n_localized else "be localized"
+        return f"{len(tried)} of {len(tried)} tried would {verb} {max(scores, key=lambda words: scores[words])}"
     return "" if n_localized else "meant otherwise (axes, angles, frames) they are not localized either"
 
 
