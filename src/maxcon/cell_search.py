@@ -122,14 +122,23 @@ class CellSearch:
         ratio = BLUNT * self._asked_ratio
         found, rest = find_candidates(scan, point_map, start, space, ratio, scoring, self.n_threads)
         scores = [float(Helmert().score(each.moments)) for each in found]
+        worth = [score * each.share for each, score in zip(found, scores, strict=True)]
+
+        def ratio_of_other(k: int) -> float:
+            """A candidate is as good as another that scores as much with as many matches: neither alone tells."""
+            if scores[k] <= 0.0:
+                return math.inf
+            others = [min(scores[j] / scores[k], worth[j] / worth[k]) for j in range(len(found)) if j != k]
+            return max([rest, *others])
+
         return [
             BestCell.at(
                 each,
                 point_map,
-                max([rest * score, *scores[:k], *scores[k + 1 :]]) / score if score > 0.0 else math.inf,
+                ratio_of_other(k),
                 is_at_boundary=is_at_boundary(each.pose, start, space, point_map.cell),
             )
-            for k, (each, score) in enumerate(zip(found, scores, strict=True))
+            for k, each in enumerate(found)
         ]
 
     def accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:

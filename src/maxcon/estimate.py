@@ -91,7 +91,8 @@ class Estimate:
         Helmert's score of the second best candidate, farther than a guard radius away, over that of the best cell: near
         0 where the answer is distinct, near 1 where it is ambiguous. By bounds in given cells it is what was proved: no
         other scores more than this, exact where that is too much to be trusted. In an open space it is the highest of
-        the candidates that were adjusted; or the ratio that large cells proved of all others (D11).
+        the candidates that were adjusted, of each the lesser of the ratios of scores and of scores times matches; or
+        the ratio that large cells proved of all others (D11).
     reason : str
         Why the answer, of whatever status, is to be doubted: what is unusual about the scan or about the matches that
         carry it, in words; empty if nothing is.

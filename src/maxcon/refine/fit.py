@@ -26,7 +26,7 @@ MOST_POINTS = 1400
 """So many points with normals are enough."""
 PATCH_POINTS, PATCH_OFF = 4, 0.05
 """A patch of the scan has at least so many points, and is off if the median of their distances exceeds this, m."""
-USUALLY_OFF, FALSE_ALARM_SIGMAS = 0.15, 3.3
+USUALLY_OFF, FALSE_ALARM_SIGMAS = 0.15, 4.0
 """Of right answers up to this fraction of the patches is off, and their number scatters as drawn at random."""
 SIDE_POINTS, FACING, LEAST_FOUND = 40, 0.75, 0.25
 """Walls to the left and to the right are compared by so many points each, with a normal of this part along an axis,
