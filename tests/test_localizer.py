@@ -238,6 +238,8 @@ def test_without_a_match_the_prior_is_given_back(scan, point_map, objective):
         estimate = MaximumConsensus(SPACE, objective).localize(a_scan, a_map, prior)
         assert (estimate.status, estimate.pose, estimate.score) == (Status.NO_MATCH, prior, 0.0)
         assert np.isinf(np.diag(estimate.cofactor)).all()
+    far = MaximumConsensus(SPACE).localize(scan, point_map, TRUTH.translated([5e5, 5e6, 0.0]))
+    assert "in its local frame" in far.reason and "no match" in repr(far)
 
 
 def test_every_status_explains_itself():

@@ -156,7 +156,9 @@ class CellSearch:
         cell = highest(scores)
         if not moments[..., 0].any():
             _, cofactor = invert(accumulator.normal_matrix(cell))
-            reason = "; ".join(reasons_to_doubt_scan(scan, prior))
+            is_inside = point_map.covers(prior.x, prior.y, space.half_width)
+            outside = () if is_inside else ("outside the map: is the pose in its local frame (`frame.pose_to_local`)?",)
+            reason = "; ".join([*outside, *reasons_to_doubt_scan(scan, prior)])
             return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, reason=reason)
         helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
         beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)

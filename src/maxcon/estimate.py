@@ -118,6 +118,9 @@ class Estimate:
     protection_level: tuple[float, float] = (math.inf, math.inf)
     was_widened: bool = False
 
+    def __repr__(self) -> str:
+        return f"Estimate({self.status.value}, {self.pose}, score={self.score:.6g}, reason={self.reason!r})"
+
     @property
     def is_localized(self) -> bool:
         """Whether the pose may be used."""

@@ -37,6 +37,13 @@ def test_what_is_taken_of_a_cloud_and_what_not(build, write_las, street, tmp_pat
     )
 
 
+def test_of_a_cloud_outside_of_the_area_nothing_is_said_of_classes(build, write_las, street, tmp_path):
+    np.savez(tmp_path / "more.npz", points=street + [9000.0, 0.0, 0.0])
+    area = ",".join(f"{bound:.0f}" for bound in (*(street[:, :2].min(axis=0) - 1), *(street[:, :2].max(axis=0) + 1)))
+    said = build(write_las(), tmp_path / "more.npz", "--crs", "EPSG:25832", "--area", area)
+    assert said["source"].endswith("more.npz: 3,000 points, 0 kept; 3,000 outside of the area")
+
+
 def test_what_is_found_of_clouds_without_classes_is_told_in_ratios(build, tmp_path):
     x, y = (at.ravel() for at in np.meshgrid(np.arange(0.0, 10.0, 0.05), np.arange(0.0, 10.0, 0.05)))
     floor, wall = (np.column_stack([x, y, np.zeros(x.size)]), np.column_stack([x, np.full(x.size, 9.0), y / 2.0]))

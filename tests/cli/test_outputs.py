@@ -125,6 +125,15 @@ def test_the_disk_is_full_while_drawing(maxcon_in_process_of_its_own, refused, l
 
 
 @pytest.mark.kills
+def test_the_disk_is_full_while_exporting(maxcon_in_process_of_its_own, refused, poses, drive, out):
+    pytest.importorskip("pyogrio")
+    export = ("export", poses, "-o", out / "a.gpkg", "--map", drive.city)
+    ended = maxcon_in_process_of_its_own(*export, preexec_fn=_small_disk(40_000))
+    refused(ended, out / "a.gpkg", "Is the disk full?")
+    assert "INSERT" not in ended.err
+
+
+@pytest.mark.kills
 @pytest.mark.usefixtures("nothing_to_compile")
 def test_the_disk_is_full_half_way(maxcon_in_process_of_its_own, maxcon, refused, localize, out):
     ended = maxcon_in_process_of_its_own(*localize, out / "poses.csv", preexec_fn=_small_disk(1_500))

@@ -116,7 +116,7 @@ def build(drive, out):
 @pytest.mark.parametrize("stage", ["points", "tiles"])
 def test_a_build_that_is_stopped_leaves_nothing(stop_when_begun, build, out, number, stage):
     code, err = stop_when_begun(number, lambda: list(out.glob(f".city.map.partial-*/*/{stage}")), *build)
-    assert (code, err) == (128 + number, "")
+    assert (code, err) == (128 + number, "maxcon: stopped\n")
     assert list(out.iterdir()) == []
 
 
@@ -135,14 +135,14 @@ def test_where_there_is_no_hangup_nothing_waits_for_one(maxcon, monkeypatch):
 def test_a_signal_that_is_swallowed_ends_the_command_all_the_same(maxcon_in_process_of_its_own, out, name):
     build = ("map", "build", "a.npz", "-o", out / "a.map")
     stopped = maxcon_in_process_of_its_own(*build, script=SWALLOWS.format(name=name))
-    assert stopped == (128 + getattr(signal, name), "went on", "")
+    assert stopped == (128 + getattr(signal, name), "went on", "maxcon: stopped\n")
     assert list(out.iterdir()) == []
 
 
 def test_cleaning_up_is_not_interrupted(maxcon_in_process_of_its_own):
     started = time.monotonic()
     stopped = maxcon_in_process_of_its_own("map", "build", "a.npz", "-o", "a.map", script=CLEANS_UP)
-    assert stopped == (128 + signal.SIGTERM, "cleaned up\n", "")
+    assert stopped == (128 + signal.SIGTERM, "cleaned up\n", "maxcon: stopped\n")
     assert time.monotonic() - started > 1.0
 
 
@@ -150,5 +150,5 @@ def test_cleaning_up_is_not_interrupted(maxcon_in_process_of_its_own):
 def test_a_stop_that_became_another_error_on_its_way(maxcon_in_process_of_its_own, drive, out, error):
     arguments = ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", out / "poses.csv")
     script = BECOMES_ANOTHER.format(error=error)
-    assert maxcon_in_process_of_its_own(*arguments, script=script) == (128 + signal.SIGTERM, "", "")
+    assert maxcon_in_process_of_its_own(*arguments, script=script) == (128 + signal.SIGTERM, "", "maxcon: stopped\n")
     assert list(out.iterdir()) == []

@@ -55,7 +55,7 @@ def test_help_of_many_options_is_in_groups(maxcon, command):
     """Each option is in one of them: the last, of what is in none, has the help itself alone."""
     said = maxcon(*command.split(), "--help").out
     *groups, last = said.split("\n\n")
-    assert last.split() == ["Options:", "--help", "Show", "this", "message", "and", "exit."]
+    assert last.split() == ["Options:", "-h,", "--help", "Show", "this", "message", "and", "exit."]
     titles = [group.splitlines()[0] for group in groups]
     assert [title for title in titles if title.rstrip(":") in TITLES] == [
         f"{name}:" for name in TITLES if f"{name}:" in titles
@@ -88,3 +88,7 @@ def test_what_the_parser_refuses_ends_with_2(maxcon, arguments):
     assert ended.code == 2 and ended.out == ""
     assert "Traceback" not in ended.err
     assert "Error" in ended.err
+
+
+def test_short_help(maxcon):
+    assert maxcon("-h") == maxcon("--help") and maxcon("localize", "-h") == maxcon("localize", "--help")

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from maxcon import LocalFrame, PointMap
 from maxcon.errors import ArrayError, OptionError
+from maxcon.io.crs import metric_crs
 from maxcon.map import PATCH_VOXELS, TILE_VOXELS
 from maxcon.map.layout import MEAN_STEPS
 from maxcon.map.voxelize import CANCELLED_LENGTH
@@ -219,3 +220,10 @@ def test_a_level_has_the_edges_of_its_voxels_and_the_tiles_of_its_map(monkeypatc
     for factor in (0, -2, 3, 64):
         with pytest.raises(OptionError, match=rf"2, 4, \.\.\. or 32 times as large as the map's, got {factor}\."):
             point_map.level(factor)
+
+
+def test_its_repr_is_short():
+    points, normals = [[0.0, 0.0, 0.0], [40.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]] * 2
+    assert repr(PointMap.from_points(points, normals)) == "PointMap(2 tiles, 61 x 31 m, no CRS)"
+    frame = LocalFrame((0.0, 0.0, 0.0), crs=metric_crs("EPSG:25832"))
+    assert repr(PointMap.from_points(points, normals, frame=frame)).endswith("m, EPSG:25832)")

@@ -10,10 +10,17 @@ from towns import HEIGHT, Town
 
 from maxcon import PointMap, Pose, Scan
 from maxcon.relocalization import coarse_filter
-from maxcon.relocalization.coarse_filter import HEADINGS, CoarseScan, count_all, counts_of_region, filter_cells
+from maxcon.relocalization.coarse_filter import (
+    HEADINGS,
+    STEP_DEG,
+    CoarseScan,
+    count_all,
+    counts_of_region,
+    filter_cells,
+)
 from maxcon.relocalization.coarse_map import Area, CoarseTiles, Regions
 from maxcon.relocalization.kernels import REGION
-from maxcon.relocalization.relocalizer import COARSE
+from maxcon.relocalization.relocalizer import COARSE, MOST_COARSE, SAME_COARSE, SAME_COARSE_DEG
 
 FEW = HEADINGS[::15]
 T_GROUND_SENSOR = Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0)
@@ -87,6 +94,13 @@ def test_without_room_for_all_it_keeps_the_highest_and_says_how_high_others_come
     assert len(every) > len(found) >= 50
     assert np.array_equal(found.counts, every.counts[: len(found)])
     assert found.left_out >= every.counts[len(found)] / every.counts[0]
+
+
+def test_room_for_more_cells_than_the_places_that_are_followed_can_have():
+    away, turns = int(SAME_COARSE / COARSE.cell), int(SAME_COARSE_DEG / STEP_DEG)
+    steps = np.arange(-away, away + 1)
+    n_near = (np.hypot(*np.meshgrid(steps, steps)) * COARSE.cell <= SAME_COARSE).sum() * (2 * turns + 1)
+    assert (MOST_COARSE + 1) * n_near < coarse_filter.MOST_KEPT  # so that it changes no answer
 
 
 def a_wall(normal):

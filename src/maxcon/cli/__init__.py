@@ -11,7 +11,7 @@ from maxcon.cli import laboratory, maps, preparation
 from maxcon.cli.export import export
 from maxcon.cli.flags import GroupedCommand
 from maxcon.cli.localize import localize, relocalize
-from maxcon.cli.terminal import stopping_in_order
+from maxcon.cli.terminal import Stop, stopping_in_order, warn
 from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
@@ -21,6 +21,7 @@ app = typer.Typer(
     help="Maximum-consensus localization of LiDAR scans in a point-cloud map.",
     no_args_is_help=True,
     add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -58,8 +59,13 @@ def main() -> None:
     with stopping_in_order() as received:
         try:
             app()
+        except Stop as stop:
+            if not stop.is_told:
+                warn("maxcon: stopped")
+            raise
         except (MaxconError, SystemError) as error:
             if received:  # in a compiled function or a reader, where the exception became another one
+                warn("maxcon: stopped")
                 sys.exit(128 + received[0])
             if isinstance(error, SystemError):
                 raise

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from maxcon.cli.options import TableOptions
-from maxcon.cli.terminal import compiling_told, step_bars
+from maxcon.cli.terminal import Stop, compiling_told, step_bars
 from maxcon.errors import FileError, MaxconError, OptionError
 
 if TYPE_CHECKING:
@@ -35,6 +35,10 @@ def check_outputs(out: Path, table: TableOptions, *, prior: Path | None = None, 
     named = [path.resolve() for path in (prior, out, table.tum) if path is not None]
     if len(set(named)) < len(named):
         raise OptionError("Expected different files as --prior, --out and --tum, got one twice. Rename one.")
+    if out.suffix.lower() not in ("", ".csv", ".txt"):
+        raise OptionError(
+            f"Expected a .csv as --out, got {out}. Write POSES.csv; `maxcon export` turns it into other formats."
+        )
     for path in (out, table.tum):
         if path is not None:
             check_writable(path)
@@ -91,9 +95,10 @@ def written(
                         draw(epoch)
                     epochs.append(epoch.without_points())
                     report("localizing", there.n_rows + len(epochs), n_epochs)
-        except (MaxconError, SystemExit) as error:  # the latter of a signal
+        except (MaxconError, Stop) as error:
             kept = f"{table.n_rows} of {n_epochs} epochs are kept in {out}: go on with --resume"
-            if isinstance(error, SystemExit):
+            if isinstance(error, Stop):
+                error.is_told = True
                 typer.echo(f"maxcon: stopped; {kept if table.n_rows else 'nothing was written'}", err=True)
             elif table.n_rows:
                 raise type(error)(f"{error} {kept}.") from error

@@ -44,10 +44,11 @@ def export(
 ) -> None:
     """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
     from maxcon.drive.poses_table import table_of_drive
-    from maxcon.export import SCAN_SUFFIXES, export_poses, export_scans, read_rows
+    from maxcon.export import SCAN_SUFFIXES, check_suffix, export_poses, export_scans, read_rows
     from maxcon.io.scans import open_scans
 
     out, crs = what.out, what.crs
+    check_suffix(out.suffix.lower())
     check_exclusive({"--map": what.map_folder}, {"--crs": crs})
     check_needs({"--drive": what.drive}, {"a folder of many drives": what.table.is_dir()})
     table = table_of_drive(what.table, what.drive) if what.table.is_dir() else what.table

@@ -142,7 +142,7 @@ def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
         counted("n_thinned", "thinned out"),
         counted("n_withheld", "marked as withheld"),
         counted("n_without_side", "without a pose near their time"),
-        "" if source["is_classified"] or is_found
+        "" if source["is_classified"] or is_found or source["n_points"] == source.get("n_outside")
         else "no ASPRS classes: ground, vegetation and vehicles were not dropped",
     ]  # fmt: skip
     return "; ".join(filter(None, parts))

@@ -176,6 +176,10 @@ def build(
             f"Expected a folder to build the map in, got {address}. Build it in a folder, then"
             f" `maxcon map copy FOLDER {address}`."
         )
+    if output.cell is not None and 1.0 < output.cell <= 100.0:
+        raise OptionError(
+            f"Expected a voxel edge --cell in metres, up to 1, got {output.cell:g}. In centimetres? 0.06 is usual."
+        )
     left_out = {"--drop": classes.drop, "--vehicle-class": classes.vehicle_class}
     check_exclusive({"--keep-all": classes.keep_all}, left_out)
     engine = worker.engine()

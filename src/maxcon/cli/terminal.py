@@ -87,6 +87,8 @@ def compiling_told(is_quiet: bool) -> Iterator[None]:
 class Stop(SystemExit):
     """A signal has come: the exit code is that of a shell, 128 and its number."""
 
+    is_told = False
+
 
 class _Signals:
     """What has come, and the exception that is on its way because of it."""

@@ -23,8 +23,8 @@ from maxcon.export.pose_rows import PARQUET, PoseRow, read_rows
 from maxcon.io.scans import Scans
 
 __all__ = [
-    "EXPORT_SUFFIXES", "PARQUET", "SCAN_SUFFIXES", "PoseRow", "export_poses", "export_scans", "files_of_export",
-    "read_rows",
+    "EXPORT_SUFFIXES", "PARQUET", "SCAN_SUFFIXES", "PoseRow", "check_suffix", "export_poses", "export_scans",
+    "files_of_export", "read_rows",
 ]  # fmt: skip
 
 _WRITERS: dict[str, Callable[[Path, list[PoseRow], Any], None]] = {
@@ -101,13 +101,18 @@ def _check_crs(crs: str | None) -> str:
     return crs
 
 
-def _rows_to_export(table: str | os.PathLike[str], suffix: str, suffixes: tuple[str, ...]) -> list[PoseRow]:
-    """All rows of a table in which some epoch is localized."""
+def check_suffix(suffix: str, suffixes: tuple[str, ...] = (*EXPORT_SUFFIXES, *SCAN_SUFFIXES)) -> None:
+    """Refuse a suffix that is none of some: OptionError."""
     if suffix not in suffixes:
         raise OptionError(
             f"Expected a file to export to with suffix {', '.join(EXPORT_SUFFIXES)}, or for scans"
             f" {' or '.join(SCAN_SUFFIXES)}, got {suffix!r}. Rename it."
         )
+
+
+def _rows_to_export(table: str | os.PathLike[str], suffix: str, suffixes: tuple[str, ...]) -> list[PoseRow]:
+    """All rows of a table in which some epoch is localized."""
+    check_suffix(suffix, suffixes)
     rows = read_rows(table)
     if not any(row.pose is not None for row in rows):
         raise TrajectoryError(f"Expected localized epochs in {table}, got none of {len(rows)}. Nothing is exported.")

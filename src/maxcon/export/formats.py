@@ -72,7 +72,8 @@ def write_geopackage(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
                 layer="poses", driver="GPKG", geometry_type="Point Z", crs=metric_crs(crs),
             )  # fmt: skip
         except RuntimeError as error:  # of which all of pyogrio's errors are
-            raise FileError(f"Expected GDAL to write {path}, got: {str(error).splitlines()[0][:120]}.") from error
+            said = str(error).splitlines()[0].rpartition("failed: ")[2][:120]  # before it stands the whole SQL
+            raise FileError(f"Expected GDAL to write {path}, got: {said}. Is the disk full?") from error
         made.replace(partial)
 
 

@@ -55,6 +55,9 @@ class Scans(ABC):
     times: NDArray[np.float64]
     """Times of the scans, shape (n,), s, strictly increasing."""
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self)} scans)"
+
     @abstractmethod
     def name(self, i: int) -> str:
         """Return the name of scan number `i`."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -78,6 +79,13 @@ class PointMap:
         self._normal_grid: NormalGrid | None = None
         self._made_by: tuple[Callable[..., PointMap], tuple[Any, ...]] | None = None
         self._prefetch: Callable[[Iterable[TileKey]], None] | None = None
+
+    def __repr__(self) -> str:
+        keys, crs = self._sorted_keys, self.frame.crs or "no CRS"
+        x, y = (np.ptp(keys, axis=0) + 1 if len(keys) else np.zeros(2)) * self.tile_voxels * self.cell
+        code = re.search(r'ID\["(\w+)",(\d+)\]\]\s*$', crs)
+        crs = ":".join(code.groups()) if code else crs.split('"')[1] if '"' in crs else crs
+        return f"PointMap({len(keys)} tiles, {x:.0f} x {y:.0f} m, {crs})"
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
         return super().__reduce_ex__(protocol) if self._made_by is None else self._made_by

@@ -30,8 +30,8 @@ LOWEST = 0.4
 LEAST_HORIZONTAL = 0.5
 # Squares that are split at a time: few at first, as a good count rules out most others.
 FIRST_SPLIT, MOST_SPLIT = 256, 2**16
-MOST_KEPT = 2**18
-"""Cells that are kept at most, the highest: where more fit, nothing stands out."""
+MOST_KEPT = 2**15
+"""Cells that are kept at most, the highest: more than all those of the places that are followed afterwards."""
 PARTS = np.array([[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1]])
 """The four parts of a square, (heading, y, x)."""
 # `recount`: squares of 2 x 2 cells around the middle of a large cell, (heading, y, x), and their cells in index order.

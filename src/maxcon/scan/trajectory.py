@@ -109,6 +109,9 @@ class Trajectory:
     quaternions_xyzw: NDArray[np.float64]
     covariances: NDArray[np.float64] | None = None
 
+    def __repr__(self) -> str:
+        return f"Trajectory({len(self.times)} poses, {self.times[0]:.3f} to {self.times[-1]:.3f} s)"
+
     def __post_init__(self) -> None:
         times = _as_array(self.times, (-1,), "times")
         positions = _as_array(self.positions, (len(times), 3), "positions")

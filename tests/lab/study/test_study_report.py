@@ -3,10 +3,12 @@
 """The page of a study, as `maxcon report` writes it and as a browser shows it."""
 
 import re
+from types import SimpleNamespace
 
 import pytest
 
 from maxcon.errors import FileError, OptionError
+from maxcon.lab.report.study_pictures import draw_scenes
 from maxcon.lab.report.study_report import report_study
 from maxcon.lab.study.table import table_of
 from opened_pages import assert_whole
@@ -110,3 +112,10 @@ def test_what_cannot_be_reported_is_said(study, tmp_path):
     with pytest.raises(OptionError, match="Expected rows in the study"):
         report_study(tmp_path, tmp_path / "report.html")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["study.json"]
+
+
+def test_without_the_count_there_are_no_scenes_and_the_note_says_why(tmp_path):
+    notes = []
+    scenes = SimpleNamespace(method=SimpleNamespace(multiplicity="occupied"))
+    assert draw_scenes(tmp_path, scenes, {"helmert-occupied": None}, notes) == []
+    assert notes == ["No scenes: count-occupied and helmert-occupied not studied."]

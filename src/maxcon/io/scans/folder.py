@@ -108,7 +108,7 @@ def _difference(columns: NDArray[np.float32]) -> float:
     return float(max(np.ptp((columns <= level).mean(axis=0)) for level in levels))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ScanFolder(Scans):
     """Scans of one drive, with one file per epoch.
 

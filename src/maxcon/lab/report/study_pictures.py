@@ -205,9 +205,14 @@ def draw_scenes(
     """Draw overview, headings and comparison into a folder; what cannot be shown, and why, is added to the notes."""
     multiplicity = scenes.method.multiplicity
     helmert, count = (methods.get(f"{name}-{multiplicity}") for name in ("helmert", "count"))
-    epochs = pick_epochs(count, helmert) if count is not None and helmert is not None else {}
-    if not epochs or helmert is None:
-        notes.append(f"No scenes: no epoch where both count-{multiplicity} and helmert-{multiplicity} succeed.")
+    names = (f"count-{multiplicity}", f"helmert-{multiplicity}")
+    if count is None or helmert is None:
+        lacking = " and ".join(each for each, rows in zip(names, (count, helmert), strict=True) if rows is None)
+        notes.append(f"No scenes: {lacking} not studied.")
+        return []
+    epochs = pick_epochs(count, helmert)
+    if not epochs:
+        notes.append(f"No scenes: no epoch where both {names[0]} and {names[1]} succeed.")
         return []
     try:
         return [

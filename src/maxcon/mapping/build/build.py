@@ -212,7 +212,7 @@ def _sorted_into_tiles(
         raise MapError(
             f"Expected points for the map, but none of the {n_read:,} points in {names} is left: {outside}"
             f"{left_out['invalid']:,} have no finite coordinates, {n_dropped:,} are of classes that are dropped. Check"
-            " the files, or keep more classes."
+            f" {'--area and the CRS' if left_out['outside'] == n_read else 'the files, or keep more classes'}."
         )
     if options.trajectory is not None:
         check_sides(sources, options.trajectory)
