@@ -16,6 +16,8 @@ NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0
 """Of surveys, from the middle of the earth, m: from under the sea at the poles to aircraft above the equator."""
 MARKS = 21
 """Points on each side of a rectangle that are transformed to find one around it."""
+LARGEST_INEXACTNESS = 0.05
+"""m: a transformation that is less exact is worth a warning."""
 GEOGRAPHIC, GEOGRAPHIC_3D = "EPSG:4326", "EPSG:4979"
 NORTHWARDS = 1e-4
 """Degrees, some 11 m: over such a way the direction of north on the grid is found."""
@@ -111,6 +113,7 @@ class PointTransform:
         self._source, self._target = parse_crs(source), parse_crs(metric_crs(target))
         self._has_heights = self._source.is_geocentric or len(self._target.axis_info) > 2
         self._transformer, self._height_unit = self._with_heights() if self._has_heights else self._in_plane()
+        self._operation = "", 0.0
 
     @property
     def height_reference(self) -> str:
@@ -122,9 +125,11 @@ class PointTransform:
 
     @property
     def words(self) -> str:
-        """From which CRS, how exactly, and what became of heights."""
-        accuracy = 0.0 if self._transformer is None else float(self._transformer.accuracy)
-        exact = f", exact to {accuracy:g} m" if accuracy > 0.0 else ""
+        """From which CRS, by which operation and how exactly, and what became of heights."""
+        name, accuracy = self._operation
+        exact = f" by {name}, exact to {accuracy:g} m" if accuracy > 0.0 else ""
+        if accuracy > LARGEST_INEXACTNESS:
+            exact += ": the map may be off by that; PROJ lacks a grid, or a datum such as WGS 84 is no finer"
         unit = "" if self._height_unit == 1.0 else f", heights times {self._height_unit:.10g}"
         return f"from {crs_name(self._source.to_wkt())}{exact}{unit}"
 
@@ -137,10 +142,19 @@ class PointTransform:
         if self._source.is_geocentric:
             _check_geocentric(points)
         if self._has_heights:
-            return np.stack(self._transformer.transform(x, y, z), axis=1)
+            placed = np.stack(self._transformer.transform(x, y, z), axis=1)
+            self._keep_operation(placed)
+            return placed
         if self._transformer is not None:
             x, y = self._transformer.transform(x, y)
+            self._keep_operation(x)
         return np.stack([x, y, z * self._height_unit], axis=1)
+
+    def _keep_operation(self, placed: NDArray[np.float64]) -> None:
+        """Of several operations PROJ takes one when it is called, and knows it only in the thread that called."""
+        if self._operation[1] <= 0.0 and np.isfinite(placed).any():
+            used = self._transformer.get_last_used_operation()
+            self._operation = str(used.description), float(used.accuracy)
 
     def bounds_in_source(self, bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float] | None:
         """Return a rectangle (x_min, y_min, x_max, y_max) of the source that holds one of the target.

@@ -93,6 +93,16 @@ def test_what_cannot_be_transformed_is_refused(tmp_path, cloud_files, points):
     assert not (tmp_path / "x.map").exists()
 
 
+def test_a_transformation_says_which_operation_it_took_and_how_exact_it_is():
+    transform = PointTransform("EPSG:31467", "EPSG:25832")
+    assert not np.isfinite(transform.apply(np.array([[np.inf, 0.0, 0.0]]))[0, 0])
+    transform.apply(np.array([[3458833.0, 5430000.0, 100.0]]))
+    assert "DHDN to ETRS89" in transform.words and "exact to " in transform.words
+    wgs84 = PointTransform("EPSG:4326", "EPSG:25832")
+    wgs84.apply(np.array([[8.4, 49.0, 100.0]]))
+    assert "exact to 1 m: the map may be off by that" in wgs84.words
+
+
 def test_a_part_of_a_cloud(tmp_path, cloud_files, points):
     path = cloud_files.las(tmp_path / "a.laz", points, crs=UTM)
     area = Area.parse("550010,5802005,550025,5802030")
