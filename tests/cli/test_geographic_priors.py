@@ -75,6 +75,17 @@ def test_a_receiver_s_log(assert_same, geographic, tmp_path):
     assert_same(path, *words, within=2e-3)
 
 
+def test_heights_of_a_log_that_are_not_the_map_s_are_refused_with_the_log_s_geoid_height(
+    localize, refused, geographic, tmp_path
+):
+    path, lines = tmp_path / "gnss.nmea", []
+    for time, (latitude, longitude, height) in zip(*geographic[:2], strict=True):
+        lines += [zda(time), gga(time, latitude, longitude, f"{height:.5f}", 40.0)]
+        lines += [sentence("PASHR", clock(time)[0], 90.0, "T", 0, 0, 0, 0.1, 0.1, 1.0, 1, 1)]
+    path.write_text("\r\n".join(lines) + "\r\n")
+    refused(localize("--overwrite", prior=path), "--geoid-height", "geoid height of the log 40.00 m")
+
+
 def test_priors_of_an_antenna_become_the_scanner_s(assert_same, localize, refused, drive, tmp_path):
     """The antenna is 6 m behind the scanner and turned by 90 degrees: too far to be found without a mounting."""
     prior = read_trajectory(drive.dataset.prior)

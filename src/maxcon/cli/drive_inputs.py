@@ -233,7 +233,10 @@ def _prior(
     if mounting is not None:
         trajectory = mounting.of_prior(trajectory, has_orientations=poses.has_orientations)
     if poses.heights is not None:
-        check_heights(point_map, trajectory, are_orthometric=poses.heights is Heights.ORTHOMETRIC)
+        try:
+            check_heights(point_map, trajectory, are_orthometric=poses.heights is Heights.ORTHOMETRIC)
+        except TrajectoryError as error:
+            raise TrajectoryError(f"{error} The prior: {poses.words}.") from error
     return replace(poses, trajectory=trajectory, words=poses.words and f"prior: {poses.words}")
 
 

@@ -168,6 +168,8 @@ def _finished(file: Path, log: _Log) -> ReceiverLog:
     words = f"times: UTC; sigmas: {n_stated} of GST, {n_known - n_stated} of HDOP, {len(times) - n_known} unknown"
     if log.n_broken:
         words += f"; {log.n_broken} sentences with a wrong checksum, or without, left out"
+    if kind is Heights.ELLIPSOIDAL:
+        words += f"; geoid height of the log {np.nanmedian(positions[:, 5]):.2f} m"
     return ReceiverLog(fixes, _orientations(file, log, dates), words)
 
 
