@@ -9,7 +9,7 @@ import pytest
 from court_drive import CELL, FRAME, prior_of, truth
 
 from maxcon import Estimate, SearchSpace, Status, Trajectory
-from maxcon.drive.localize import DriveOptions, localize_drive
+from maxcon.drive.localize import DriveOptions, _clocks_in_words, localize_drive
 from maxcon.errors import MapError, OptionError, TrajectoryError
 from maxcon.io.scans.folder import ScanFolder
 from maxcon.localizer import MaximumConsensus
@@ -145,3 +145,16 @@ def test_a_prior_of_a_senseless_number_is_one_epoch_with_a_status(point_map, sca
         wanted = [Status.LOCALIZED, Status.FAILED, Status.OUTSIDE_MAP, Status.NO_POINTS]
         assert [epoch.status for epoch in epochs] == wanted
         assert "Expected points within" in epochs[1].reason and epochs[1].pose_global is None
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (1e6 + 3600.5, "+3600.500 s apart, about +1 h: a time zone. "),
+        (1e6 + 18.0, "+18.000 s apart. "),
+        (1e9, "the trajectory's times were in ms"),
+        (1e3, "the scans' times were in ms"),
+    ],
+)
+def test_clocks_that_differ_are_told_how(other, words):
+    assert words in _clocks_in_words(1e6, other)

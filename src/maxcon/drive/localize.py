@@ -353,9 +353,24 @@ def _poses_of_scans(scans: Scans, trajectory: Trajectory, options: DriveOptions,
         raise TrajectoryError(
             f"Expected poses of the {what} for the scans, {scans.times[0]:.3f} to {scans.times[-1]:.3f} s, but the"
             f" {what} trajectory has none near any of them ({trajectory.times[0]:.3f} to {trajectory.times[-1]:.3f} s)."
-            " Do both use the same clock? Give the scans' times with --times."
+            f" Do both use the same clock? {_clocks_in_words(float(scans.times[0]), float(trajectory.times[0]))}"
+            "Give the scans' times with --times."
         )
     return poses
+
+
+def _clocks_in_words(first: float, other: float) -> str:
+    """What two first times, s, that lie apart suggest: another unit, or whole hours between clocks."""
+    for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+        for which, ratio in (
+            ("the trajectory's", other / first if first else 0.0),
+            ("the scans'", first / (other or 1)),
+        ):
+            if abs(ratio / factor - 1.0) < 0.01:
+                return f"It looks as if {which} times were in {unit}. "
+    hours = round((other - first) / 3600.0)
+    is_whole = 0 < abs(hours) <= 14 and abs(other - first - 3600.0 * hours) < 60.0
+    return f"They begin {other - first:+.3f} s apart{f', about {hours:+d} h: a time zone' * is_whole}. "
 
 
 def check_inside(point_map: PointMap, priors: Sequence[Pose | None], what: str = "the prior") -> None:
