@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from maxcon.map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, PointMap, VoxelTile
 from maxcon.map.lookup_kernels import find_in_patch, find_patch, is_near_voxels, n_bits, plane_of_voxel
-from maxcon.map.tile import TileCache, search_order, voxel_table
+from maxcon.map.tile import TileCache, search_order
+from maxcon.map.voxel_table import GrowingTable, voxel_table
 
 SEEDS = st.integers(0, 2**32)
 
@@ -127,6 +128,28 @@ def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
         assert number == there.get((x, y, z), -1)
         if number >= 0:
             np.testing.assert_allclose(plane_of_voxel(number, x, y, z, 0.06, table)[3:], means[number])
+
+
+@given(SEEDS, st.sampled_from([0, 2**29]))
+def test_tables_that_were_given_out_stay_as_they_are_while_more_tiles_come(seed, most_bytes):
+    rng = np.random.default_rng(seed)
+    tiles = {tile.key: tile for tile in tiles_of(rng, 200, 1.0)}
+    load, table, given_out = (lambda keys: [tiles[key] for key in keys]), GrowingTable(), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("maxcon.map.voxel_table.MOST_BYTES", most_bytes)
+        for _ in range(4):
+            keys = [key for key in tiles if rng.random() < 0.5]
+            given_out.append((keys, table.of(keys, load)))
+    for keys, found in given_out:
+        plain = voxel_table([tiles[key] for key in keys])
+        for key in tiles:
+            for voxel in tiles[key].voxels[:20].tolist():
+                patch = find_patch(*voxel, found)
+                number = find_in_patch(*voxel[:2], patch, found) if patch >= 0 else -1
+                assert (number >= 0) == (key in keys)
+                if number >= 0:
+                    wanted = find_in_patch(*voxel[:2], find_patch(*voxel, plain), plain)
+                    assert plane_of_voxel(number, *voxel, 0.06, found) == plane_of_voxel(wanted, *voxel, 0.06, plain)
 
 
 @given(st.integers(0, 2**64 - 1))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled look-ups of single voxels in several tiles; `table` is that of `tile.voxel_table`."""
+"""Compiled look-ups of single voxels in several tiles; `table` is a `VoxelTable`."""
 
 import numpy as np
 

@@ -31,7 +31,8 @@ from maxcon.map.layout import (
     check_sigma,
 )
 from maxcon.map.normal_grid import NormalGrid, grid_extent
-from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTable, VoxelTile, grid_of_rows, voxel_table
+from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
+from maxcon.map.voxel_table import GrowingTable, VoxelTable
 from maxcon.map.voxelize import voxelize
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ class PointMap:
         self._ground: TileSource[GroundTile] = ground if ground is not None else TilesInMemory({})
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
         self._levels: dict[int, PointMap] = {}
-        self._table: tuple[dict[TileKey, int], VoxelTable] = {}, ()
+        self._table = GrowingTable()
         self._normal_grid: NormalGrid | None = None
         self._made_by: tuple[Callable[..., PointMap], tuple[Any, ...]] | None = None
         self._prefetch: Callable[[Iterable[TileKey]], None] | None = None
@@ -91,7 +92,7 @@ class PointMap:
         return super().__reduce_ex__(protocol) if self._made_by is None else self._made_by
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_levels": {}, "_table": ({}, ())}
+        return {**self.__dict__, "_levels": {}}
 
     @classmethod
     def from_points(
@@ -248,18 +249,8 @@ class PointMap:
         return [self._tiles.load(key) for key in keys]
 
     def table_of(self, keys: Iterable[TileKey]) -> VoxelTable:
-        """`voxel_table` of some tiles.
-
-        The last one is kept, and cut to these tiles if it has them: the next epoch needs nearly the same. A new one
-        keeps the tiles of the last beside its own, if they are no more than these.
-        """
-        wanted, (rows, table) = set(keys), self._table
-        if not (table and wanted <= rows.keys()):
-            both = wanted.union(rows)
-            rows = {key: row for row, key in enumerate(sorted(both if len(both) <= 2 * len(wanted) else wanted), 1)}
-            table = voxel_table(self._load(list(rows)))
-            self._table = rows, table
-        return table[0], *grid_of_rows({key: rows[key] for key in wanted}), *table[3:]
+        """`VoxelTable` of some tiles; they are kept for the epochs that follow."""
+        return self._table.of(keys, self._load)
 
     def tile(self, key: TileKey) -> VoxelTile:
         """Load one tile, a key of `tile_keys`."""

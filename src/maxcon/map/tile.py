@@ -4,17 +4,17 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry.arrays import read_only_view
-from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, WORD_BITS, SurfaceClass, TileKey
+from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, SurfaceClass, TileKey
 
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 
@@ -188,55 +188,6 @@ def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArr
     """Return the order (z, patch y, patch x, y, x) of voxels with these indices."""
     patches = columns // PATCH_VOXELS
     return np.lexsort((columns[:, 0], columns[:, 1], patches[:, 0], patches[:, 1], layers))
-
-
-VoxelTable: TypeAlias = tuple[NDArray[Any], ...]
-
-
-def voxel_table(tiles: Sequence[VoxelTile]) -> VoxelTable:
-    """Return several tiles as one tuple of arrays, so that one call of a kernel looks up points in all of them.
-
-    rows: shape (n_tiles + 1, 5), int64; for each tile: z index of its lowest height layer; how many layers there are up
-        to the highest, and where their numbers begin in `layers`; how many words each column of patches has, and where
-        they begin in `held`. The first row is for where there is no tile.
-    grid: shape (ny, nx), int32; rows of the tiles, by their keys; corner: shape (2,), int64; key (x, y) of the first.
-    layers: int32; the `layer_numbers` of the tiles.
-    held, numbers, words, firsts: as in `Occupancy`, flat; patches and voxels are numbered through all tiles.
-    normals, counts, means: as in `VoxelTile`, of all voxels.
-    """
-    rows = np.zeros((len(tiles) + 1, 5), np.int64)
-    nowhere = np.zeros(tiles[0].n_patches ** 2 if tiles else TILE_PATCHES**2, np.int32)
-    rows[0, 3] = 1
-    layers, held = [np.empty(0, np.int32)], [nowhere.astype(np.uint64)]
-    numbers, words, firsts = [nowhere], [np.empty(0, np.uint64)], [np.empty(0, np.int32)]
-    n_layers, n_held, n_patches, n_voxels = 0, len(nowhere), 0, 0
-    for row, tile in zip(rows[1:], tiles, strict=True):
-        occupancy, own_layers = tile.occupancy, tile.layer_numbers
-        row[:] = int(tile.index.layers[0]) if len(own_layers) else 0, len(own_layers), n_layers, 1, n_held
-        row[3] = occupancy.held.shape[2]
-        layers.append(own_layers)
-        held.append(occupancy.held.reshape(-1))
-        numbers.append(occupancy.numbers.reshape(-1) + np.int32(n_patches))
-        words.append(occupancy.words.reshape(-1))
-        firsts.append(occupancy.firsts.reshape(-1) + np.int32(n_voxels))
-        n_layers, n_held = n_layers + len(own_layers), n_held + occupancy.held.size
-        n_patches, n_voxels = n_patches + len(occupancy.words), n_voxels + len(tile)
-    normals = [np.empty((0, 3), np.float32), *(tile.normals for tile in tiles)]
-    counts = [np.empty(0, np.int32), *(tile.counts for tile in tiles)]
-    means = [np.empty((0, 3), np.uint8), *(tile.means for tile in tiles)]
-    columns = (layers, held, numbers, words, firsts, normals, counts, means)
-    grid = grid_of_rows({tile.key: row for row, tile in enumerate(tiles, 1)})
-    return rows, *grid, *(np.concatenate(column) for column in columns)
-
-
-def grid_of_rows(rows: Mapping[TileKey, int]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return the grid of a table that has only these tiles, by their rows, and its corner."""
-    keys = np.array(list(rows), np.int64).reshape(-1, 2)
-    corner = keys.min(axis=0, initial=2**31)
-    nx, ny = keys.max(axis=0) - corner + 1 if rows else (0, 0)
-    grid = np.zeros((int(ny), int(nx)), np.int32)
-    grid[tuple((keys - corner).T[::-1])] = list(rows.values())
-    return grid, corner
 
 
 TileT = TypeVar("TileT")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.map import PointMap
-from maxcon.map.tile import VoxelTable
+from maxcon.map.voxel_table import VoxelTable
 from maxcon.scan import Scan
 
 __all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "covariance", "map_covariance", "refine"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.map import PointMap
-from maxcon.map.tile import VoxelTable
+from maxcon.map.voxel_table import VoxelTable
 from maxcon.refine.adjustment import (
     FROM_LARGE_CELLS,
     HEIGHT_SIGMA,

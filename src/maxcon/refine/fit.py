@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.map import PointMap
-from maxcon.map.tile import VoxelTable
+from maxcon.map.voxel_table import VoxelTable
 from maxcon.refine.adjustment import CLUSTER_EDGE, LAST_PASSES, LEAST_COSINE, N_BINS, STEEPEST, Refined, adjusted
 from maxcon.scan import Scan
 

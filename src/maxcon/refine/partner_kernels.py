@@ -108,7 +108,7 @@ def find_partners(points, normals, unknowns, every, cell, reaches, least_cosine,
 
     points, normals : (n, 3) float64, sensor frame, m; a normal of zeros where there is none.
     unknowns : (6,), the pose: x, y, z, roll, pitch, heading, m and rad. every : see `adjustment.Pass`.
-    cell : edge of a voxel, m. table : of the map's tiles, see `tile.voxel_table`.
+    cell : edge of a voxel, m. table : of the map's tiles, see `VoxelTable`.
     reaches : how many voxels a partner may lie away, along the normal of a point, and along the axes from one without.
     least_cosine : of the angle between the normals of point and voxel.
     is_signed : whether the map's normals have a side; otherwise n and -n mean the same.

@@ -17,7 +17,7 @@ def add_moments(points, normals, unknowns, cell, weights, is_signed, by_points, 
     roll, pitch, heading, m and rad; cell : edge of a voxel, m; weights : of a match by the cosine of its normals (1) or
     whatever that is (0), and of one whose scan point has no normal; is_signed : whether the map's normals have a side;
     by_points : whether a match counts as often as the voxel has map points; table : of the map's tiles, see
-    `tile.voxel_table`; moments : (4,).
+    `VoxelTable`; moments : (4,).
     """
     R, _ = rotation_and_axes(unknowns[3:])
     by_cosine, without_normal = weights

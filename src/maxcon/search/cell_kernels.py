@@ -22,7 +22,7 @@ def moments_of_cells(
     offsets : (c, 2) int64, (x, y) of each cell, voxels; columns : (2, n) int32 and normals : (3, n) float32, of the
     points turned by the heading; ranks : (n,) int32, number of each point's layer among the scan's; layers : (t + 1, l)
     int32, number of each of these layers in each tile of the table, of a layer that is not there one too high;
-    edge_bits : a tile has 2^edge_bits voxels along an edge; table : of the tiles, see `tile.voxel_table`;
+    edge_bits : a tile has 2^edge_bits voxels along an edge; table : of the tiles, see `VoxelTable`;
     without_normal : weight of a match whose point has no normal; is_once : whether a voxel counts once; is_signed :
     whether the map's normals have a side; moments : (c, 4) float64, out. With the arithmetic of `window_kernels`, in
     whole numbers of steps, which are added in any order.

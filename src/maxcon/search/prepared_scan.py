@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose, voxel_indices
 from maxcon.map import PointMap, TileKey, VoxelTile
-from maxcon.map.tile import VoxelTable
+from maxcon.map.voxel_table import VoxelTable
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Multiplicity, Weighting, upright
 from maxcon.search.objectives import Moments

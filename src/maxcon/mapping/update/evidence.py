@@ -31,7 +31,7 @@ from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey, VoxelTile
 from maxcon.map.ground import GroundPatch
 from maxcon.map.layout import SurfaceClass
-from maxcon.map.tile import voxel_table
+from maxcon.map.voxel_table import voxel_table
 from maxcon.map.voxelize import tile_of_voxels
 from maxcon.mapping.build.tile_points import (
     POINT,

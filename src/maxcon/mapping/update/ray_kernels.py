@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `evidence`).
 
-`table` is that of `tile.voxel_table`. `evidence` are arrays of its voxels: log_odds (m,) float32; n_hits, n_misses
+`table` is a `VoxelTable`. `evidence` are arrays of its voxels: log_odds (m,) float32; n_hits, n_misses
 (m,) int32, observations; hit_in (m, 2) int32, the first and the last observation that hit each, -1 for none; seen_in
 (m,) int32, the last observation that hit or missed it.
 """

@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Voxel tables: the tiles around a place as one tuple of arrays, as compiled look-ups read them."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from threading import Lock
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.map.layout import TILE_PATCHES, TileKey
+from maxcon.map.tile import VoxelTile
+
+VoxelTable: TypeAlias = tuple[NDArray[Any], ...]
+"""Arrays of several tiles, so that one call of a kernel looks up points in all of them.
+
+rows: shape (n_tiles + 1, 5), int64; for each tile: z index of its lowest height layer; how many layers there are up to
+    the highest, and where their numbers begin in `layers`; how many words each column of patches has, and where they
+    begin in `held`. The first row is for where there is no tile.
+grid: shape (ny, nx), int32; rows of the tiles, by their keys; corner: shape (2,), int64; key (x, y) of the first.
+layers: int32; the `layer_numbers` of the tiles.
+held, numbers, words, firsts: as in `Occupancy`, flat; patches and voxels are numbered through all tiles.
+normals, counts, means: as in `VoxelTile`, of all voxels.
+"""
+
+COLUMNS: tuple[tuple[type, tuple[int, ...]], ...] = (
+    (np.int64, (5,)), (np.int32, ()), (np.uint64, ()), (np.int32, ()), (np.uint64, ()), (np.int32, ()),
+    (np.float32, (3,)), (np.int32, ()), (np.uint8, (3,)),
+)  # fmt: skip
+ROWS, LAYERS, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS, MEANS = range(9)
+MOST_BYTES, ROOM = 2**29, 1.25
+"""A table that holds more is begun anew, with the tiles that are asked for; arrays grow by this factor."""
+
+
+class GrowingTable:
+    """Tiles one after the other in arrays with room for more: an epoch adds those that no one before it needed.
+
+    What is in the arrays is never written again: tables that were given out stay as they are.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._begin()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {}  # a copy, perhaps in another process, begins empty
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__()  # type: ignore[misc]
+
+    def _begin(self) -> None:
+        """Forget all tiles; the first row is of none, without patches."""
+        self._arrays: list[NDArray[Any]] = [np.empty((0, *shape), kind) for kind, shape in COLUMNS]
+        self._sizes = [0] * len(COLUMNS)
+        self._rows: dict[TileKey, int] = {}
+        self._n_patches = 0
+        self._extend(ROWS, np.array([[0, 0, 0, 1, 0]]))
+        self._extend(HELD, np.zeros(TILE_PATCHES**2))
+        self._extend(NUMBERS, np.zeros(TILE_PATCHES**2))
+
+    def of(self, keys: Iterable[TileKey], load: Callable[[Sequence[TileKey]], Sequence[VoxelTile]]) -> VoxelTable:
+        """Return the table of some tiles; `load` returns those that are not there yet."""
+        wanted = set(keys)
+        with self._lock:
+            if self.n_bytes > MOST_BYTES and not wanted <= self._rows.keys():
+                self._begin()
+            for tile in load(sorted(wanted - self._rows.keys())):
+                self._append(tile)
+            rows, *others = (array[:size] for array, size in zip(self._arrays, self._sizes, strict=True))
+            return rows, *grid_of_rows({key: self._rows[key] for key in wanted}), *others
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of what it holds."""
+        return sum(array[:size].nbytes for array, size in zip(self._arrays, self._sizes, strict=True))
+
+    def _append(self, tile: VoxelTile) -> None:
+        occupancy, layers = tile.occupancy, tile.layer_numbers
+        lowest = int(tile.index.layers[0]) if len(layers) else 0
+        row = [lowest, len(layers), self._sizes[LAYERS], occupancy.held.shape[2], self._sizes[HELD]]
+        self._rows[tile.key] = self._sizes[ROWS]
+        self._extend(ROWS, np.array([row]))
+        self._extend(LAYERS, layers)
+        self._extend(HELD, occupancy.held.reshape(-1))
+        self._extend(NUMBERS, occupancy.numbers.reshape(-1) + np.int32(self._n_patches))
+        self._extend(WORDS, occupancy.words.reshape(-1))
+        self._extend(FIRSTS, occupancy.firsts.reshape(-1) + np.int32(self._sizes[NORMALS]))
+        self._n_patches += len(occupancy.words)
+        for column, values in ((NORMALS, tile.normals), (COUNTS, tile.counts), (MEANS, tile.means)):
+            self._extend(column, values)
+
+    def _extend(self, column: int, values: NDArray[Any]) -> None:
+        array, size = self._arrays[column], self._sizes[column]
+        if size + len(values) > len(array):
+            grown = np.empty((max(int(ROOM * len(array)), size + len(values)), *array.shape[1:]), array.dtype)
+            grown[:size] = array[:size]
+            self._arrays[column] = array = grown
+        array[size : size + len(values)] = values
+        self._sizes[column] = size + len(values)
+
+
+def voxel_table(tiles: Sequence[VoxelTile]) -> VoxelTable:
+    """Return the table of some tiles, numbered in their order."""
+    of_key = {tile.key: tile for tile in tiles}
+    table = GrowingTable()
+    return table.of(of_key, lambda keys: [of_key[key] for key in of_key if key in set(keys)])
+
+
+def grid_of_rows(rows: Mapping[TileKey, int]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the grid of a table that has only these tiles, by their rows, and its corner."""
+    keys = np.array(list(rows), np.int64).reshape(-1, 2)
+    corner = keys.min(axis=0, initial=2**31)
+    nx, ny = keys.max(axis=0) - corner + 1 if rows else (0, 0)
+    grid = np.zeros((int(ny), int(nx)), np.int32)
+    grid[tuple((keys - corner).T[::-1])] = list(rows.values())
+    return grid, corner
