@@ -75,7 +75,9 @@ def _build(folder: Path) -> None:
         build_map(
             [folder / f"{name}.npz"],
             folder / f"{name}.map",
-            MapOptions(drop=(), normals_have_sides=is_signed, classify="off" if is_signed else "always"),
+            MapOptions(
+                cell=SPACE.cell_edge, drop=(), normals_have_sides=is_signed, classify="off" if is_signed else "always"
+            ),
             n_threads=1,
         )
 

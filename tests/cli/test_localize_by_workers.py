@@ -213,7 +213,7 @@ def test_drives_that_are_stopped_go_on(drive, long_table, long_drive, maxcon, ma
             time.sleep(0.002)
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=600)
-    assert (process.returncode, err) == (128 + signal.SIGINT, "")
+    assert (process.returncode, err) == (128 + signal.SIGINT, "maxcon: stopped\n")
     kept = PosesDataset(out).rows("long").to_pylist()
     assert maxcon(*arguments).code == 0
     assert dataset_rows(out, "long") == single("long", *long_drive)
