@@ -86,10 +86,12 @@ def saved_figure(
 
 
 def _keep_layout(figure: "Figure") -> None:
-    """Lay the axes out, and round where they lie: the last bits of the layout differ from one call to the next."""
+    """Lay the axes out, and round where they and parts lie: the last bits differ from one call to the next."""
     from matplotlib.transforms import Bbox
 
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
+    for part in figure.subfigs:
+        part.bbox_relative.set_points(part.bbox_relative.get_points().round(6))
     for axes in figure.axes:
         axes.set_position(Bbox(axes.get_position(original=True).get_points().round(6)))
