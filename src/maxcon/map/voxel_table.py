@@ -28,7 +28,7 @@ COLUMNS: tuple[tuple[type, tuple[int, ...]], ...] = (
     (np.int64, (5,)), (np.int32, ()), (np.uint64, ()), (np.int32, ()), (np.uint64, ()), (np.int32, ()),
     (np.float32, (3,)), (np.int32, ()), (np.uint8, (3,)),
 )  # fmt: skip
-ROWS, LAYERS, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS, MEANS = range(9)
+ROWS, HELD, NUMBERS = 0, 2, 3
 MOST_BYTES, ROOM = 2**29, 1.25
 """A table that holds more is begun anew, with the tiles that are asked for; arrays grow by this factor."""
 
@@ -43,11 +43,8 @@ class GrowingTable:
         self._lock = Lock()
         self._begin()
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {}  # a copy, perhaps in another process, begins empty
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__()  # type: ignore[misc]
+    def __reduce__(self) -> tuple[type["GrowingTable"], tuple[()]]:
+        return GrowingTable, ()  # a copy, perhaps in another process, begins empty
 
     def _begin(self) -> None:
         """Forget all tiles; the first row is of none, without patches."""
@@ -55,49 +52,67 @@ class GrowingTable:
         self._sizes = [0] * len(COLUMNS)
         self._rows: dict[TileKey, int] = {}
         self._n_patches = 0
-        self._extend(ROWS, np.array([[0, 0, 0, 1, 0]]))
-        self._extend(HELD, np.zeros(TILE_PATCHES**2))
-        self._extend(NUMBERS, np.zeros(TILE_PATCHES**2))
+        self._extend(ROWS, [np.array([[0, 0, 0, 1, 0]])])
+        self._extend(HELD, [np.zeros(TILE_PATCHES**2)])
+        self._extend(NUMBERS, [np.zeros(TILE_PATCHES**2)])
 
     def of(self, keys: Iterable[TileKey], load: Callable[[Sequence[TileKey]], Sequence[VoxelTile]]) -> VoxelTable:
         """Return the table of some tiles; `load` returns those that are not there yet."""
-        wanted = set(keys)
-        with self._lock:
-            if self.n_bytes > MOST_BYTES and not wanted <= self._rows.keys():
-                self._begin()
-            for tile in load(sorted(wanted - self._rows.keys())):
-                self._append(tile)
-            rows, *others = (array[:size] for array, size in zip(self._arrays, self._sizes, strict=True))
-            return rows, *grid_of_rows({key: self._rows[key] for key in wanted}), *others
+        wanted, loaded = set(keys), dict[TileKey, VoxelTile]()
+        while True:
+            with self._lock:
+                self._add([tile for key, tile in loaded.items() if key not in self._rows])
+                missing = wanted - self._rows.keys()
+                if not missing:
+                    rows, *others = (array[:size] for array, size in zip(self._arrays, self._sizes, strict=True))
+                    return rows, *grid_of_rows({key: self._rows[key] for key in wanted}), *others
+                if self.n_bytes > MOST_BYTES:
+                    self._begin()
+                    missing = wanted
+            # Without the lock: several threads read at the same time.
+            loaded |= {tile.key: tile for tile in load(sorted(missing - loaded.keys()))}
 
     @property
     def n_bytes(self) -> int:
         """Memory of what it holds."""
         return sum(array[:size].nbytes for array, size in zip(self._arrays, self._sizes, strict=True))
 
-    def _append(self, tile: VoxelTile) -> None:
-        occupancy, layers = tile.occupancy, tile.layer_numbers
-        lowest = int(tile.index.layers[0]) if len(layers) else 0
-        row = [lowest, len(layers), self._sizes[LAYERS], occupancy.held.shape[2], self._sizes[HELD]]
-        self._rows[tile.key] = self._sizes[ROWS]
-        self._extend(ROWS, np.array([row]))
-        self._extend(LAYERS, layers)
-        self._extend(HELD, occupancy.held.reshape(-1))
-        self._extend(NUMBERS, occupancy.numbers.reshape(-1) + np.int32(self._n_patches))
-        self._extend(WORDS, occupancy.words.reshape(-1))
-        self._extend(FIRSTS, occupancy.firsts.reshape(-1) + np.int32(self._sizes[NORMALS]))
-        self._n_patches += len(occupancy.words)
-        for column, values in ((NORMALS, tile.normals), (COUNTS, tile.counts), (MEANS, tile.means)):
-            self._extend(column, values)
+    def _add(self, tiles: Sequence[VoxelTile]) -> None:
+        """Take tiles behind those that are there."""
+        parts: list[list[NDArray[Any]]] = [[] for _ in COLUMNS]
+        _, n_layers, n_held, _, _, _, n_voxels, _, _ = self._sizes
+        for tile in tiles:
+            occupancy, layers = tile.occupancy, tile.layer_numbers
+            lowest = int(tile.index.layers[0]) if len(layers) else 0
+            self._rows[tile.key] = self._sizes[ROWS] + len(parts[ROWS])
+            columns = (
+                np.array([[lowest, len(layers), n_layers, occupancy.held.shape[2], n_held]]),
+                layers,
+                occupancy.held.reshape(-1),
+                occupancy.numbers.reshape(-1) + np.int32(self._n_patches),
+                occupancy.words.reshape(-1),
+                occupancy.firsts.reshape(-1) + np.int32(n_voxels),
+                tile.normals,
+                tile.counts,
+                tile.means,
+            )
+            for part, values in zip(parts, columns, strict=True):
+                part.append(values)
+            n_layers, n_held, n_voxels = n_layers + len(layers), n_held + occupancy.held.size, n_voxels + len(tile)
+            self._n_patches += len(occupancy.words)
+        for column, part in enumerate(parts if tiles else ()):
+            self._extend(column, part)
 
-    def _extend(self, column: int, values: NDArray[Any]) -> None:
+    def _extend(self, column: int, parts: Sequence[NDArray[Any]]) -> None:
+        """Put values behind those of a column, in a larger array if they have no room."""
         array, size = self._arrays[column], self._sizes[column]
-        if size + len(values) > len(array):
-            grown = np.empty((max(int(ROOM * len(array)), size + len(values)), *array.shape[1:]), array.dtype)
+        end = size + sum(map(len, parts))
+        if end > len(array):
+            grown = np.empty((max(int(ROOM * len(array)), end), *array.shape[1:]), array.dtype)
             grown[:size] = array[:size]
             self._arrays[column] = array = grown
-        array[size : size + len(values)] = values
-        self._sizes[column] = size + len(values)
+        np.concatenate(parts, out=array[size:end], casting="unsafe")
+        self._sizes[column] = end
 
 
 def voxel_table(tiles: Sequence[VoxelTile]) -> VoxelTable:
