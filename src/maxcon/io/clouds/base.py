@@ -67,6 +67,33 @@ class CloudChunk:
     is_withheld: NDArray[np.bool_] | None = None
 
 
+class FieldNames(NamedTuple):
+    """Names of the fields of a cloud's records that are understood; None for what there is not."""
+
+    points: list[str]
+    normals: list[str] | None
+    classes: str | None
+    times: str | None
+
+    def header(self, file: Path, n_points: int) -> CloudHeader:
+        """Return the header of a cloud with these fields."""
+        has_normals, has_classes, has_times = (name is not None for name in self[1:])
+        return CloudHeader(file, n_points, None, has_normals, has_classes, has_times)
+
+    def chunk(self, columns: Any) -> CloudChunk:
+        """Return the points of columns that are found by their names."""
+
+        def table(names: list[str]) -> NDArray[np.float64]:
+            return np.stack([as_float64(columns[name]) for name in names], axis=1)
+
+        return CloudChunk(
+            points=table(self.points),
+            normals=None if self.normals is None else table(self.normals),
+            classes=None if self.classes is None else as_classes(columns[self.classes]),
+            times=None if self.times is None else as_float64(columns[self.times]),
+        )
+
+
 class CloudReader(ABC):
     """An open cloud. Opening reads the header only; each call of `chunks` begins at the first point."""
 

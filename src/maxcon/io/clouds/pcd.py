@@ -13,16 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import needs_extra
-from maxcon.io.clouds.base import (
-    Bounds,
-    CloudChunk,
-    CloudHeader,
-    CloudReader,
-    as_classes,
-    as_file_error,
-    as_float64,
-    rows_at_a_time,
-)
+from maxcon.io.clouds.base import Bounds, CloudChunk, CloudReader, FieldNames, as_file_error, rows_at_a_time
 from maxcon.io.point_records import coordinate_fields, record_type
 from maxcon.io.text import MAX_LINES, read_table
 
@@ -53,18 +44,13 @@ class PcdReader(CloudReader):
             self._layout = _read_layout(stream, MAX_POINTS)
         dtype = self._layout.dtype
         names = [name for name, kind in _fields(dtype) if not kind.shape]
-        self._points = coordinate_fields(dtype, "fiu")
-        has_normals = set(NORMAL_NAMES) <= set(names)
-        self._normals = coordinate_fields(dtype, "fiu", NORMAL_NAMES) if has_normals else None
-        self._classes = next((name for name in CLASS_NAMES if name in names), None)
-        self._times = next((name for name in TIME_NAMES if name in names), None)
-        self.header = CloudHeader(
-            path=file,
-            n_points=self._layout.n_points,
-            has_normals=has_normals,
-            has_classes=self._classes is not None,
-            has_times=self._times is not None,
+        self._fields = FieldNames(
+            coordinate_fields(dtype, "fiu"),
+            coordinate_fields(dtype, "fiu", NORMAL_NAMES) if set(NORMAL_NAMES) <= set(names) else None,
+            next((name for name in CLASS_NAMES if name in names), None),
+            next((name for name in TIME_NAMES if name in names), None),
         )
+        self.header = self._fields.header(file, self._layout.n_points)
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         n_most = rows_at_a_time(max_points, self._layout.dtype.itemsize)
@@ -73,16 +59,7 @@ class PcdReader(CloudReader):
         with as_file_error(self.header.path, KIND), self.header.path.open("rb") as stream:
             stream.seek(self._layout.start)
             for records in _pieces(self.header.path, stream, self._layout, n_most):
-                yield CloudChunk(
-                    points=_table(records, self._points),
-                    normals=None if self._normals is None else _table(records, self._normals),
-                    classes=None if self._classes is None else as_classes(records[self._classes]),
-                    times=None if self._times is None else as_float64(records[self._times]),
-                )
-
-
-def _table(records: NDArray[np.void], names: list[str]) -> NDArray[np.float64]:
-    return np.stack([as_float64(records[name]) for name in names], axis=1)
+                yield self._fields.chunk(records)
 
 
 class _Layout(NamedTuple):

@@ -6,21 +6,11 @@ import io
 from collections.abc import Generator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maxcon.io.clouds.base import (
-    Bounds,
-    CloudChunk,
-    CloudHeader,
-    CloudReader,
-    as_classes,
-    as_file_error,
-    as_float64,
-    rows_at_a_time,
-)
+from maxcon.io.clouds.base import Bounds, CloudChunk, CloudReader, FieldNames, as_file_error, rows_at_a_time
 from maxcon.io.point_records import coordinate_fields, record_type
 from maxcon.io.text import MAX_LINES, pass_over_rows, read_table
 
@@ -53,19 +43,14 @@ class PlyReader(CloudReader):
             self._layout = _read_layout(stream)
             dtype = self._layout.dtype
             names = dtype.names or ()
-            self._points = coordinate_fields(dtype, "fiu")
-            has_normals = set(NORMAL_NAMES) <= set(names)
-            self._normals = coordinate_fields(dtype, "fiu", NORMAL_NAMES) if has_normals else None
-        lowered = {name.lower(): name for name in reversed(names)}
-        self._classes = next((lowered[name] for name in CLASS_NAMES if name in lowered), None)
-        self._times = next((lowered[name] for name in TIME_NAMES if name in lowered), None)
-        self.header = CloudHeader(
-            path=file,
-            n_points=self._layout.n_points,
-            has_normals=has_normals,
-            has_classes=self._classes is not None,
-            has_times=self._times is not None,
-        )
+            lowered = {name.lower(): name for name in reversed(names)}
+            self._fields = FieldNames(
+                coordinate_fields(dtype, "fiu"),
+                coordinate_fields(dtype, "fiu", NORMAL_NAMES) if set(NORMAL_NAMES) <= set(names) else None,
+                next((lowered[name] for name in CLASS_NAMES if name in lowered), None),
+                next((lowered[name] for name in TIME_NAMES if name in lowered), None),
+            )
+        self.header = self._fields.header(file, self._layout.n_points)
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         file, layout, names = self.header.path, self._layout, self._layout.dtype.names or ()
@@ -79,26 +64,13 @@ class PlyReader(CloudReader):
             while n_left > 0:
                 n_rows = min(n_left, n_most)
                 if layout.is_ascii:
-                    yield self._chunk(dict(zip(names, read_table(text, n_rows, len(names)).T, strict=True)))
+                    yield self._fields.chunk(dict(zip(names, read_table(text, n_rows, len(names)).T, strict=True)))
                 else:
                     records = np.fromfile(stream, layout.dtype, n_rows)
                     if len(records) < n_rows:
                         raise ValueError(f"{n_left - len(records)} vertices fewer: truncated")
-                    yield self._chunk(records)
+                    yield self._fields.chunk(records)
                 n_left -= n_rows
-
-    def _chunk(self, columns: Any) -> CloudChunk:
-        """The points of columns, by the names of their properties."""
-
-        def table(names: list[str]) -> NDArray[np.float64]:
-            return np.stack([as_float64(columns[name]) for name in names], axis=1)
-
-        return CloudChunk(
-            points=table(self._points),
-            normals=None if self._normals is None else table(self._normals),
-            classes=None if self._classes is None else as_classes(columns[self._classes]),
-            times=None if self._times is None else as_float64(columns[self._times]),
-        )
 
 
 @dataclass(slots=True)
