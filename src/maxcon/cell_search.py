@@ -122,14 +122,13 @@ class CellSearch:
         ratio = BLUNT * self._asked_ratio
         found, rest = find_candidates(scan, point_map, start, space, ratio, scoring, self.n_threads)
         scores = [float(Helmert().score(each.moments)) for each in found]
-        worth = [score * each.share for each, score in zip(found, scores, strict=True)]
 
         def ratio_of_other(k: int) -> float:
             """A candidate is as good as another that scores as much with as many matches: neither alone tells."""
             if scores[k] <= 0.0:
                 return math.inf
-            others = [min(scores[j] / scores[k], worth[j] / worth[k]) for j in range(len(found)) if j != k]
-            return max([rest, *others])
+            others = [j for j in range(len(found)) if j != k]
+            return max([rest, *(scores[j] / scores[k] * min(1.0, found[j].share / found[k].share) for j in others)])
 
         return [
             BestCell.at(

@@ -131,10 +131,7 @@ ALTERNATIVES = (
     _turn("turned by 180 degrees", 0.0, 180.0),
     _turn("upside down", 180.0, 0.0),
     _turn("upside down and turned by 180 degrees", 180.0, 180.0),
-    Alternative(
-        "were the scans not mirrored: turn the sign of their y",
-        points=lambda points, prior, origin: points * [1, -1, 1],
-    ),
+    MIRRORED,
     Alternative(
         "were the scans in global coordinates: write them in the sensor's frame",
         points=lambda points, prior, origin: prior.inverse.apply(points - origin),

@@ -83,7 +83,7 @@ class Hypothesis:
     def agreed(self, anchor: UncertainPose, estimate: Estimate) -> "Hypothesis":
         """Return it after a scan that agreed."""
         agreement = min(self.agreement + estimate.share, MOST_AGREEMENT)
-        usual = estimate.share + USUAL_LASTS * (self.usual_share - estimate.share) * (self.usual_share > 0.0)
+        usual = USUAL_LASTS * (self.usual_share or estimate.share) + (1.0 - USUAL_LASTS) * estimate.share
         return replace(
             self, anchor=anchor, motion=STANDSTILL, agreement=agreement, n_refused=0, estimate=estimate,
             usual_share=usual,

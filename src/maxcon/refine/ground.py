@@ -103,8 +103,8 @@ def other_storeys(point_map: PointMap, pose: Pose) -> list[float]:
     if len(heights) < 2:
         return []
     own = np.where(heights <= pose.z, heights, -np.inf).max(axis=0)
-    own = np.where(np.isfinite(own), own, np.nanmin(np.where(np.isfinite(heights), heights, np.inf), axis=0))
-    away = np.where(np.isfinite(heights) & np.isfinite(own), heights - own, np.nan)
+    lowest = np.fmin.reduce(heights)
+    away = heights - np.where(np.isfinite(own), own, lowest)
     found = []
     for side in (1.0, -1.0):
         nearest = np.where(side * away >= HEADROOM, side * away, np.inf).min(axis=0)
