@@ -35,11 +35,17 @@ UNUSED_SECONDS = 30 * 86400.0
 """Code of other contents is removed that was not used for so long."""
 
 
-def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return numba's `njit` with these options; with `cache` the code is kept in `code_folder`, if there is one."""
+def njit(*, cache: bool = False, counts_references: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return numba's `njit` with these options.
+
+    cache: whether the code is kept in `code_folder`, if there is one.
+    counts_references: numba counts the references to each array that a function is called with, by an atomic
+        instruction each. Of functions that look up one voxel or point this is half of the time; those that neither make
+        nor return arrays do without (others do not compile then).
+    """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        kernel: Any = numba.njit(**options)(function)
+        kernel: Any = numba.njit(_nrt=counts_references, **options)(function)
         if cache and isinstance(kernel, Dispatcher) and code_folder() is not None:
             kernel._cache = _ContentCache(function)  # type: ignore[attr-defined, no-untyped-call, unused-ignore]
         return kernel

@@ -28,7 +28,7 @@ def rotation_and_axes(angles):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _turned(R, point):
+def turned(R, point):
     """Return R applied to a point (x, y, z): where it lies from the sensor, map axes, m."""
     x, y, z = point
     dx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
@@ -63,7 +63,7 @@ def _equations(points, planes, unknowns, gate, equations):
     R, axes = rotation_and_axes(unknowns[3:])
     for i in range(points.shape[1]):
         nx, ny, nz = planes[0, i], planes[1, i], planes[2, i]
-        away = _turned(R, (points[0, i], points[1, i], points[2, i]))
+        away = turned(R, (points[0, i], points[1, i], points[2, i]))
         distance = _distance(away, (nx, ny, nz), planes[3, i], unknowns)
         share = distance / gate
         root = max(1.0 - share * share, 0.0)
@@ -139,7 +139,7 @@ def weigh(points, planes, unknowns, gate, normal_matrix, residuals, weights):
     residuals[:], weights[:] = np.inf, 0.0
     R, _ = rotation_and_axes(unknowns[3:])
     for k in range(len(numbers)):
-        away = _turned(R, (used_points[0, k], used_points[1, k], used_points[2, k]))
+        away = turned(R, (used_points[0, k], used_points[1, k], used_points[2, k]))
         normal = used_planes[0, k], used_planes[1, k], used_planes[2, k]
         distance = _distance(away, normal, used_planes[3, k], unknowns)
         residuals[numbers[k]] = distance
@@ -160,7 +160,7 @@ def sum_gradients(points, planes, groups, unknowns, factors, sums):
         if group < 0:
             continue
         normal = planes[i, 0], planes[i, 1], planes[i, 2]
-        away = _turned(R, (points[i, 0], points[i, 1], points[i, 2]))
+        away = turned(R, (points[i, 0], points[i, 1], points[i, 2]))
         roll, pitch, heading = _turn_gradient(axes, away, normal)
         sums[group, 0] += factors[i] * normal[0]
         sums[group, 1] += factors[i] * normal[1]

@@ -6,10 +6,10 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
-from maxcon.refine.kernels import rotation_and_axes
+from maxcon.refine.kernels import rotation_and_axes, turned
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def _partner_along(px, py, pz, nx, ny, nz, patch, cell, reach, least_cosine, is_signed, table):
     """Plane (normal, offset) nearest to a point among the voxels along its normal; a normal of zeros for none.
 
@@ -49,7 +49,7 @@ def _partner_along(px, py, pz, nx, ny, nz, patch, cell, reach, least_cosine, is_
     return found
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def _partner_around(px, py, pz, own_patch, cell, reach, table):
     """Plane (normal, offset) of the nearest voxel along the axes from that of a point; a normal of zeros for none.
 
@@ -84,15 +84,7 @@ def _partner_around(px, py, pz, own_patch, cell, reach, table):
     return found
 
 
-@njit(nogil=True, cache=True, inline="always")
-def _is_asked(i, every, planes):
-    """Whether a partner of point i is looked for in this pass; see `adjustment.Pass`."""
-    if every == 0:
-        return planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0
-    return i % every == 0
-
-
-@njit(nogil=True, cache=True, inline="always")
+@njit(nogil=True, cache=True, counts_references=False)
 def _is_near(place, normal, reaches, table):
     """Whether a point at `place`, in voxels, may have a partner: most that have none are far from any voxel."""
     along, around = np.float64(reaches[0]), np.float64(reaches[1])
@@ -116,18 +108,21 @@ def find_partners(points, normals, unknowns, every, cell, reaches, least_cosine,
     for none, and for the points between.
     """
     R, _ = rotation_and_axes(unknowns[3:])
+    _find_all(points, normals, R, unknowns, every, cell, reaches, least_cosine, is_signed, table, planes)
+
+
+@njit(nogil=True, cache=True, counts_references=False)
+def _find_all(points, normals, R, unknowns, every, cell, reaches, least_cosine, is_signed, table, planes):
+    """Find partners, given the rotation (3, 3) of the pose."""
     along, around = reaches
-    place, normal = np.empty(3), np.empty(3)
     for i in range(points.shape[0]):
-        is_asked = _is_asked(i, every, planes)
+        had_plane = planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0
         planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = 0.0, 0.0, 0.0, 0.0
-        if not is_asked:
+        if not (had_plane if every == 0 else i % every == 0):
             continue
-        for axis in range(3):
-            a, b, c = R[axis, 0], R[axis, 1], R[axis, 2]
-            place[axis] = a * points[i, 0] + b * points[i, 1] + c * points[i, 2] + unknowns[axis]
-            normal[axis] = a * normals[i, 0] + b * normals[i, 1] + c * normals[i, 2]
-        (px, py, pz), (nx, ny, nz) = (place[0], place[1], place[2]), (normal[0], normal[1], normal[2])
+        px, py, pz = turned(R, (points[i, 0], points[i, 1], points[i, 2]))
+        px, py, pz = px + unknowns[0], py + unknowns[1], pz + unknowns[2]
+        nx, ny, nz = turned(R, (normals[i, 0], normals[i, 1], normals[i, 2]))
         in_x, in_y, in_z = px / cell, py / cell, pz / cell
         if every != 0 and not _is_near((in_x, in_y, in_z), (nx, ny, nz), reaches, table):
             continue

@@ -6,7 +6,7 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import find_in_patch, find_patch, plane_of_voxel
-from maxcon.refine.kernels import rotation_and_axes
+from maxcon.refine.kernels import rotation_and_axes, turned
 
 
 @njit(nogil=True, cache=True)
@@ -20,13 +20,18 @@ def add_moments(points, normals, unknowns, cell, weights, is_signed, by_points, 
     `VoxelTable`; moments : (4,).
     """
     R, _ = rotation_and_axes(unknowns[3:])
+    _add_all(points, normals, R, unknowns, cell, weights, is_signed, by_points, table, moments)
+
+
+@njit(nogil=True, cache=True, counts_references=False)
+def _add_all(points, normals, R, unknowns, cell, weights, is_signed, by_points, table, moments):
+    """Add the moments, given the rotation (3, 3) of the pose."""
     by_cosine, without_normal = weights
     counts = table[9]
     for i in range(points.shape[0]):
-        a, b, c = points[i, 0], points[i, 1], points[i, 2]
-        x = np.int64(np.floor((R[0, 0] * a + R[0, 1] * b + R[0, 2] * c + unknowns[0]) / cell))
-        y = np.int64(np.floor((R[1, 0] * a + R[1, 1] * b + R[1, 2] * c + unknowns[1]) / cell))
-        z = np.int64(np.floor((R[2, 0] * a + R[2, 1] * b + R[2, 2] * c + unknowns[2]) / cell))
+        dx, dy, dz = turned(R, (points[i, 0], points[i, 1], points[i, 2]))
+        x, y = np.int64(np.floor((dx + unknowns[0]) / cell)), np.int64(np.floor((dy + unknowns[1]) / cell))
+        z = np.int64(np.floor((dz + unknowns[2]) / cell))
         patch = find_patch(x, y, z, table)
         if patch < 0:
             continue
@@ -39,9 +44,7 @@ def add_moments(points, normals, unknowns, cell, weights, is_signed, by_points, 
         if a == 0.0 and b == 0.0 and c == 0.0:
             weight = without_normal
         elif by_cosine != 0.0:
-            nx = R[0, 0] * a + R[0, 1] * b + R[0, 2] * c
-            ny = R[1, 0] * a + R[1, 1] * b + R[1, 2] * c
-            nz = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
+            nx, ny, nz = turned(R, (a, b, c))
             cosine = nx * mx + ny * my + nz * mz
             weight = max(0.0, cosine) if is_signed else abs(cosine)
         times = np.float64(counts[number]) if by_points else 1.0
