@@ -13,7 +13,7 @@ from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def _is_miss(origin, along, length, plane, voxel, cell, margin, least_cosine, reach):
     """Whether a ray saw through the surface in a voxel: `evidence.is_miss` for one of them."""
     nx, ny, nz, mx, my, mz = plane
@@ -43,12 +43,12 @@ def _is_miss(origin, along, length, plane, voxel, cell, margin, least_cosine, re
     return has_normal or (x - mx) ** 2 + (y - my) ** 2 + (z - mz) ** 2 <= (0.5 * cell) ** 2
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def _add(k, weight, lowest, highest, log_odds):
     log_odds[k] = min(max(log_odds[k] + np.float32(weight), np.float32(lowest)), np.float32(highest))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def _mark_hits(end, scan, cell, weights, table, evidence):
     """Count a hit of the voxel that a ray ended in, and of the 26 around it, once per observation."""
     hit, _, lowest, highest = weights
@@ -85,7 +85,7 @@ def _first_border(place, along, cell):
     return index, 0, np.inf, np.inf
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def _walk(origin, end, scan, cell, margin, least_cosine, reach, weights, table, evidence):
     """Add a miss to each voxel that a ray saw through, unless a ray of the same observation judged it before.
 
@@ -127,7 +127,7 @@ def _walk(origin, end, scan, cell, margin, least_cosine, reach, weights, table, 
             z, at, to_z, is_another = z + step_z, to_z, to_z + every_z, True
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def add_observation(origin, ends, scan, cell, margins, least_cosine, reach, weights, table, evidence):
     """Add one observation to the evidence of the voxels: first hits, then misses.
 
@@ -142,7 +142,7 @@ def add_observation(origin, ends, scan, cell, margins, least_cosine, reach, weig
         _walk(origin, ends[i], scan, cell, margins[i], least_cosine, reach, weights, table, evidence)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def _is_far(point, reach, cell, table):
     """Whether the voxel of a point is farther than `reach` voxels, along each axis, from any that is held."""
     place = point[0] / cell, point[1] / cell, point[2] / cell
@@ -163,14 +163,14 @@ def _is_far(point, reach, cell, table):
     return True
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def are_far_from_voxels(points, reach, cell, table, is_far):
     """Find the points, (n, 3) float64, local frame, m, that are far from any voxel; is_far : (n,) bool, out."""
     for i in range(points.shape[0]):
         is_far[i] = _is_far(points[i], reach, cell, table)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, counts_references=False)
 def hide_known_surfaces(origin, ends, clearance, most, cell, table, heights, first, edge, is_hiding):
     """Find the rays whose extension behind their end meets a voxel or the ground of the map.
 
