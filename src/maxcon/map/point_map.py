@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, SupportsIndex
 
@@ -261,17 +260,14 @@ class PointMap:
 
         The margin is at most half the edge of a tile: then a corner of the square around a position lies in each.
         """
+        from maxcon.map import tile_kernels
+
         if not (len(positions) and len(self._sorted_keys)):
             return []
         edge = self.tile_voxels * self.cell
         corner, last = self._sorted_keys.min(axis=0) - 1, self._sorted_keys.max(axis=0) + 1
         is_met = np.zeros(last - corner + 1, bool)  # with a border for what lies outside
-        low, high = (
-            np.clip(np.floor((positions + side) / edge) - corner, 0, last - corner).astype(np.int64)
-            for side in (-margin, margin)
-        )
-        for x, y in product((low[:, 0], high[:, 0]), (low[:, 1], high[:, 1])):
-            is_met[x, y] = True
+        tile_kernels.mark_tiles(positions, margin, edge, corner, is_met)
         is_met_key = is_met[tuple((self._sorted_keys - corner).T)]
         return [(x, y) for x, y in self._sorted_keys[is_met_key].tolist()]
 

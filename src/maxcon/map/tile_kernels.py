@@ -235,3 +235,18 @@ def fill_normals(columns, layers, normals, corner, shape, axis, grid, along, acr
         place = (z * ny + y) * nx + x
         grid[place, 0], grid[place, 1] = np.int8(a), np.int8(b)
         along[place], across[place] = np.uint8(np.ceil(factor * u * u)), np.uint8(np.ceil(factor * v * v))
+
+
+@njit(nogil=True, cache=True)
+def mark_tiles(positions, margin, edge, corner, is_met):
+    """Mark the tiles that hold a corner of the square of half width `margin` (m) around any position.
+
+    positions : (n, 2) float64, m; edge : of a tile, m; corner : (2,) int64, key (x, y) of the first tile of is_met,
+    (nx, ny) bool, out. What lies outside is marked at the border.
+    """
+    for i in range(positions.shape[0]):
+        for side_x in (-margin, margin):
+            x = min(max(np.floor((positions[i, 0] + side_x) / edge) - corner[0], 0.0), is_met.shape[0] - 1.0)
+            for side_y in (-margin, margin):
+                y = min(max(np.floor((positions[i, 1] + side_y) / edge) - corner[1], 0.0), is_met.shape[1] - 1.0)
+                is_met[np.int64(x), np.int64(y)] = True

@@ -22,8 +22,7 @@ class Pass(NamedTuple):
     """How partners (planes of the map) are looked for before the Gauss-Newton steps of one pass.
 
     A partner lies at most `along` voxels away along the normal of a point, `around` along the axes from one without;
-    from the distance `gate` (m) on it does not count. One point of `every` is used; 0: those that had a partner in the
-    pass before.
+    from the distance `gate` (m) on it does not count. One point of `every` is used.
     """
 
     along: int
@@ -40,7 +39,7 @@ FROM_LARGE_CELLS = (
     Pass(5, 3, gate=0.36, every=8),
     Pass(5, 3, gate=0.21, every=8),
 )
-LAST_PASSES = (Pass(4, 2, gate=0.21, every=1), Pass(2, 1, gate=0.21, every=0), Pass(2, 1, gate=0.21, every=0))
+LAST_PASSES = (Pass(4, 2, gate=0.21, every=4), Pass(2, 1, gate=0.21, every=1))
 # From small cells, which are off by an edge and half a heading step.
 PASSES = (
     Pass(5, 3, gate=0.6, every=8),

@@ -101,7 +101,7 @@ def distinct(found: list[Candidate]) -> list[Candidate]:
 
 def coarse_sample(scan: Scan) -> NDArray[np.float64]:
     """Points for the coarse search, shape (n, 3), sensor frame, m: above the scan's own ground, one of each cube."""
-    points, T_ground_sensor = scan.points, fit_ground_plane(scan)
+    points, T_ground_sensor = scan.sample.points, fit_ground_plane(scan)
     if T_ground_sensor is not None:
         up = rotation_matrices(T_ground_sensor.roll, T_ground_sensor.pitch, 0.0)[2]
         points = points[np.abs(points @ up + T_ground_sensor.z) > ON_GROUND]

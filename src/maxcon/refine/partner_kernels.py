@@ -104,7 +104,7 @@ def find_partners(points, normals, unknowns, every, cell, reaches, least_cosine,
     reaches : how many voxels a partner may lie away, along the normal of a point, and along the axes from one without.
     least_cosine : of the angle between the normals of point and voxel.
     is_signed : whether the map's normals have a side; otherwise n and -n mean the same.
-    planes : (n, 4) float64, in and out, unit normal and its scalar product with a point of the plane, map frame; zeros
+    planes : (n, 4) float64, out, unit normal and its scalar product with a point of the plane, map frame; zeros
     for none, and for the points between.
     """
     R, _ = rotation_and_axes(unknowns[3:])
@@ -116,15 +116,14 @@ def _find_all(points, normals, R, unknowns, every, cell, reaches, least_cosine, 
     """Find partners, given the rotation (3, 3) of the pose."""
     along, around = reaches
     for i in range(points.shape[0]):
-        had_plane = planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0
         planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = 0.0, 0.0, 0.0, 0.0
-        if not (had_plane if every == 0 else i % every == 0):
+        if i % every != 0:
             continue
         px, py, pz = turned(R, (points[i, 0], points[i, 1], points[i, 2]))
         px, py, pz = px + unknowns[0], py + unknowns[1], pz + unknowns[2]
         nx, ny, nz = turned(R, (normals[i, 0], normals[i, 1], normals[i, 2]))
         in_x, in_y, in_z = px / cell, py / cell, pz / cell
-        if every != 0 and not _is_near((in_x, in_y, in_z), (nx, ny, nz), reaches, table):
+        if not _is_near((in_x, in_y, in_z), (nx, ny, nz), reaches, table):
             continue
         patch = find_patch(np.int64(np.floor(in_x)), np.int64(np.floor(in_y)), np.int64(np.floor(in_z)), table)
         if nx == 0.0 and ny == 0.0 and nz == 0.0:
