@@ -79,6 +79,15 @@ def test_how_well_a_map_is_known_and_from_what(build, maxcon, refused, street_np
     refused(maxcon("map", "build", passes, "-o", out / "b.map"), "alignment.json", "--sigma")
 
 
+def test_a_map_is_exported_once(maxcon, refused, drive, tmp_path):
+    ended = maxcon("map", "export", drive.city, "-o", tmp_path / "city.laz", "-q")
+    assert (ended.code, ended.err) == (0, "") and ended.out.endswith(f"written to {tmp_path / 'city.laz'}\n")
+    assert "voxels and" in ended.out
+    refused(maxcon("map", "export", drive.city, "-o", tmp_path / "city.laz"), "city.laz", "--overwrite")
+    assert maxcon("map", "export", drive.city, "-o", tmp_path / "city.laz", "--overwrite").code == 0
+    refused(maxcon("map", "export", drive.city, "-o", tmp_path / "city.xyz"), ".laz, .las, .ply")
+
+
 # --- on a server -----------------------------------------------------------------------------------------------
 
 

@@ -56,7 +56,7 @@ def export(
     if are_scans != (what.scans is not None):
         wanted = "--scans for" if are_scans else f"a {' or '.join(SCAN_SUFFIXES)} file with --scans, got"
         raise OptionError(f"Expected {wanted} {out}{', got none' * are_scans}. Name the scans of the drive, or none.")
-    _check_out(table, out, overwrite=overwrite)
+    check_out(table, out, overwrite=overwrite)
     if what.map_folder is not None:
         crs = _crs_of_map(what.map_folder, table, read_rows(table))
     points = ""
@@ -70,14 +70,14 @@ def export(
     typer.echo(f"{n_localized} of {len(rows)} epochs have a pose{points}; written to {out}")
 
 
-def _check_out(table: Path, out: Path, *, overwrite: bool) -> None:
-    """Refuse a file that cannot be written, or that is there."""
+def check_out(source: Path, out: Path, *, overwrite: bool) -> None:
+    """Refuse a file that cannot be written, that is there, or that is what is exported."""
     from maxcon._system.atomic import check_writable
     from maxcon.export import files_of_export
 
     for path in files_of_export(out):
-        if table.resolve() == path.resolve():
-            raise OptionError("Expected another file to export to, got the table itself. Rename it.")
+        if source.resolve() == path.resolve():
+            raise OptionError("Expected another file to export to, got what is exported. Rename it.")
         check_writable(path)
         if path.is_file() and not overwrite:
             raise FileError(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""`maxcon map build`, `align`, `update`, `info` and `copy`."""
+"""`maxcon map build`, `align`, `update`, `info`, `copy` and `export`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from maxcon._system.engine import Engine
 
 app = typer.Typer(
-    help="Build a map from point clouds, align them before, update it by drives, say what is in it, or copy it.",
+    help="Build a map from point clouds, align them before, update it by drives, say what is in it, copy or export it.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -291,7 +291,7 @@ def align(
     print_alignment(found)
 
 
-# --- info, copy ------------------------------------------------------------------------------------------------
+# --- info, copy, export ----------------------------------------------------------------------------------------
 
 
 @app.command()
@@ -337,3 +337,20 @@ def copy(
     with step_bars(quiet) as report:
         copy_map(source, target, overwrite=overwrite, progress=report)
     typer.echo(target)
+
+
+@app.command()
+def export(
+    path: Annotated[Path, typer.Argument(metavar="MAP", help="Folder of a map, or its address.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="File to write: .laz, .las or .ply.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file, if it is there.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a map as points for CloudCompare, QGIS and others: means of voxels, normals, counts, changes, ground."""
+    from maxcon.cli.export import check_out
+    from maxcon.export import export_map
+
+    check_out(path, out, overwrite=overwrite)
+    with step_bars(quiet) as report:
+        n_voxels, n_heights = export_map(path, out, progress=report)
+    typer.echo(f"{n_voxels:,} voxels and {n_heights:,} heights of the ground written to {out}")

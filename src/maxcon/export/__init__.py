@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Tables of poses in the formats of other programs; the suffix says which."""
+"""Tables of poses, and maps, in the formats of other programs; the suffix says which."""
 
 import os
 from collections.abc import Callable
@@ -18,13 +18,14 @@ from maxcon.export.formats import (
     write_mcap,
     write_tum_rows,
 )
+from maxcon.export.map_points import MAP_SUFFIXES, export_map
 from maxcon.export.placed_scans import SCAN_SUFFIXES, write_placed_scans
 from maxcon.export.pose_rows import PARQUET, PoseRow, read_rows
 from maxcon.io.scans import Scans
 
 __all__ = [
-    "EXPORT_SUFFIXES", "PARQUET", "SCAN_SUFFIXES", "PoseRow", "check_suffix", "export_poses", "export_scans",
-    "files_of_export", "read_rows",
+    "EXPORT_SUFFIXES", "MAP_SUFFIXES", "PARQUET", "SCAN_SUFFIXES", "PoseRow", "check_suffix", "export_map",
+    "export_poses", "export_scans", "files_of_export", "read_rows",
 ]  # fmt: skip
 
 _WRITERS: dict[str, Callable[[Path, list[PoseRow], Any], None]] = {

@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""LAZ or PLY of a map, a point per voxel and per height of its ground: for CloudCompare, QGIS and the like."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon._system import Progress
+from maxcon._system.atomic import atomic_file
+from maxcon.errors import OptionError
+from maxcon.export.placed_scans import RESOLUTION
+from maxcon.geometry import LocalFrame
+from maxcon.io.clouds.laz import laz_as_os_error
+from maxcon.io.crs import metric_crs
+from maxcon.map.ground import GroundTile, ground_voxels
+from maxcon.map.manifest import Manifest, read_manifest
+from maxcon.map.point_map import stored_ground, stored_tiles
+from maxcon.map.storage import open_storage
+from maxcon.map.tile import VoxelTile
+
+MAP_SUFFIXES = (".laz", ".las", ".ply")
+UNCLASSIFIED, GROUND_CLASS = 1, 2
+"""ASPRS classes of voxels and of the ground: a map does not keep the classes of its clouds."""
+POINT = np.dtype([
+    ("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4"), ("count", "<i4"),
+    ("class", "u1"), ("change", "u1"),
+])  # fmt: skip
+_PLY_TYPES = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
+
+
+def export_map(
+    map_: str | os.PathLike[str], out: str | os.PathLike[str], *, progress: Progress | None = None
+) -> tuple[int, int]:
+    """Write a map as points in its CRS; return how many voxels and how many heights of the ground there are.
+
+    map_: folder or address. out: .laz, .las (1.4, point format 6, with normals, counts and changes as extra dimensions)
+    or .ply (binary). One tile is in memory at a time. An OptionError if the suffix is another.
+
+    A voxel has the mean, the mean normal (zeros where there is none) and the number of its map points; `change` is 0
+    (known), 1 (gone) or 2 (new) by map updates. A height of the ground stands in the middle of its cell, with count 0.
+    """
+    path = Path(out)
+    if path.suffix.lower() not in MAP_SUFFIXES:
+        raise OptionError(f"Expected a file of points with suffix {', '.join(MAP_SUFFIXES)}, got {path}. Rename it.")
+    storage = open_storage(map_)
+    manifest = read_manifest(storage)
+    tiles, ground = stored_tiles(storage, manifest, cache_bytes=0), stored_ground(storage, manifest)
+    n_done, n_tiles = [0, 0], len(tiles.keys) + len(ground.keys)
+
+    def points() -> Iterator[NDArray[np.void]]:
+        frame = LocalFrame(manifest.origin, manifest.crs)
+        steps = [(0, key) for key in sorted(tiles.keys)] + [(1, key) for key in sorted(ground.keys)]
+        for done, (kind, key) in enumerate(steps, 1):
+            if kind == 0:
+                found = _points_of_voxels(tiles.load(key), manifest.cell, frame)
+            else:
+                found = _points_of_ground(ground.load(key), manifest.cell * ground_voxels(manifest.cell), frame)
+            n_done[kind] += len(found)
+            yield found
+            if progress is not None:
+                progress("writing points", done, n_tiles)
+
+    write = _write_ply if path.suffix.lower() == ".ply" else _write_las
+    write(path, points(), manifest)
+    return n_done[0], n_done[1]
+
+
+def _at(places: NDArray[np.float64], frame: LocalFrame, number: int) -> NDArray[np.void]:
+    """Points of a class at places, shape (n, 3), local frame, m."""
+    points = np.zeros(len(places), POINT)
+    points["x"], points["y"], points["z"] = frame.to_global(places).T
+    points["class"] = number
+    return points
+
+
+def _points_of_voxels(tile: VoxelTile, cell: float, frame: LocalFrame) -> NDArray[np.void]:
+    points = _at(tile.mean_points(cell), frame, UNCLASSIFIED)
+    points["nx"], points["ny"], points["nz"] = tile.normals.T
+    points["count"] = tile.counts
+    points["change"] = 0 if tile.classes is None else tile.classes
+    return points
+
+
+def _points_of_ground(tile: GroundTile, edge: float, frame: LocalFrame) -> NDArray[np.void]:
+    """edge: of a cell of the ground, m."""
+    columns, heights = tile.rows()
+    middles = (columns + 0.5 + np.array(tile.key) * tile.heights.shape[1]) * edge
+    return _at(np.column_stack([middles, heights]), frame, GROUND_CLASS)
+
+
+def _write_las(path: Path, points: Iterator[NDArray[np.void]], manifest: Manifest) -> None:
+    import laspy
+    import pyproj
+
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.offsets = np.full(3, RESOLUTION), np.floor(manifest.origin)
+    names = {"nx": "NormalX", "ny": "NormalY", "nz": "NormalZ", "count": "count", "change": "change"}
+    header.add_extra_dims([laspy.ExtraBytesParams(name, POINT[field]) for field, name in names.items()])
+    if manifest.crs is not None:
+        header.add_crs(pyproj.CRS.from_user_input(metric_crs(manifest.crs)))
+    with (
+        atomic_file(path) as partial,
+        partial.open("wb") as stream,
+        laz_as_os_error(),
+        laspy.open(stream, "w", header=header, do_compress=path.suffix.lower() == ".laz", closefd=False) as writer,
+    ):
+        for some in points:
+            record = laspy.ScaleAwarePointRecord.zeros(len(some), header=header)
+            record.x, record.y, record.z = some["x"], some["y"], some["z"]
+            record.classification[:] = some["class"]
+            record.return_number[:] = record.number_of_returns[:] = 1
+            for field, name in names.items():
+                record[name] = some[field]
+            writer.write_points(record)
+
+
+def _write_ply(path: Path, points: Iterator[NDArray[np.void]], manifest: Manifest) -> None:
+    n_points = manifest.n_voxels + int(manifest.ground.rows["n_rows"].sum())
+    crs = " ".join((manifest.crs or "unknown").split())
+    lines = ["ply", "format binary_little_endian 1.0", f"comment crs {crs}", f"element vertex {n_points}"]
+    lines += [f"property {_PLY_TYPES[POINT[name].str]} {name}" for name in POINT.names or ()]
+    with atomic_file(path) as partial, partial.open("wb") as stream:
+        stream.write("\n".join([*lines, "end_header", ""]).encode("utf-8"))
+        for some in points:
+            stream.write(some.tobytes())
