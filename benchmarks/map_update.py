@@ -307,7 +307,7 @@ def draw(args):
         x, y, classes = x[is_inside], y[is_inside], classes[is_inside]
     figure, axes = plt.subplots(figsize=(9.0, 9.0), layout="constrained")
     for which, colour, size in (
-        (SurfaceClass.KNOWN, "0.72", 0.15), (SurfaceClass.GONE, "#c8102e", 0.4), (SurfaceClass.NEW, "#00843d", 0.4),
+        (SurfaceClass.KNOWN, "0.72", 0.15), (SurfaceClass.GONE, "#d55e00", 0.4), (SurfaceClass.NEW, "#0072b2", 0.4),
     ):  # fmt: skip
         rows = classes == which
         axes.scatter(x[rows], y[rows], s=size, c=colour, linewidths=0, rasterized=True, label=which.name.lower())

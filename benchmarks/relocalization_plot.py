@@ -24,7 +24,7 @@ from maxcon.relocalization.coarse_filter import CoarseScan, filter_cells
 from maxcon.relocalization.kernels import REGION
 from maxcon.relocalization.relocalizer import COARSE, COARSE_RATIO
 
-COLOURS = {"localized": "#1b7f3b", "ambiguous": "#d98a00"}
+COLOURS = {"localized": "#0072b2", "ambiguous": "#d98a00"}
 WALL, GROUND, FOUND = "#4a4a4a", "#e3e9ef", "#c2185b"
 
 

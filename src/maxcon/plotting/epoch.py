@@ -78,12 +78,10 @@ def plot_epoch(
 
 def _draw_panels(figure: SubFigure, view: SearchSpaceView, reference: Pose | None) -> None:
     """Draw one panel per heading, the best one in a frame, their common colour scale, and what they are."""
-    from matplotlib.colors import Normalize
-
     n_headings = view.space.shape[0]
     headings = chosen_headings(n_headings, view.best[0])
     marked = -1 if reference is None else view.heading_nearest(reference, headings)
-    norm, n_columns = Normalize(*view.limits), math.isqrt(len(headings) - 1) + 1
+    norm, n_columns = view.norm, math.isqrt(len(headings) - 1) + 1
     panels = figure.subplots(-(-len(headings) // n_columns), n_columns, squeeze=False, sharex=True, sharey=True)
     for axes in panels.flat[len(headings) :]:
         axes.set_visible(False)
@@ -101,7 +99,7 @@ def _draw_panels(figure: SubFigure, view: SearchSpaceView, reference: Pose | Non
     for axes in panels[:, 0]:
         axes.set_ylabel("y from the prior [m]")
     bar = draw_color_bar(figure, image, panels)
-    bar.set_label(f"{title_of(view.objective)} [{unit_of(view.objective)}]", parse_math=False)
+    bar.set_label(f"{title_of(view.objective)} [{unit_of(view.objective)}] (root scale)", parse_math=False)
     marks = cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2]
     figure.legend(handles=marks, loc="outside lower center", ncols=2, handletextpad=1.0)
 

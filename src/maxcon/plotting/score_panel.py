@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 COLORS = "plasma"
 """From cold blue to warm yellow, in steps that are even to every eye, and in grey print."""
+COLOR_POWER = 0.5
+"""Exponent of the colour scale: on a linear one all but the peak of Helmert's score is dark."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,13 @@ class SearchSpaceView:
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
         low = min(low, 0.0)
         return low, high if high > low else low + 1.0
+
+    @property
+    def norm(self) -> "Normalize":
+        """The colour scale: the root of the score."""
+        from matplotlib.colors import PowerNorm
+
+        return PowerNorm(COLOR_POWER, *self.limits)
 
     def has_best_at(self, heading: int) -> bool:
         """Whether there is a best cell, and at this heading."""

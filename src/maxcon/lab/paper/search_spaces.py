@@ -16,7 +16,16 @@ from maxcon.map import PointMap
 from maxcon.plotting.epoch import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points, half_width_of, is_off_the_ground
 from maxcon.plotting.figure import MUTED, SERIES, saved_figure
 from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_figure, map_patch
-from maxcon.plotting.score_panel import COLORS, SearchSpaceView, cell_marks, draw_scores, ground_of, put_mark, title_of
+from maxcon.plotting.score_panel import (
+    COLOR_POWER,
+    COLORS,
+    SearchSpaceView,
+    cell_marks,
+    draw_scores,
+    ground_of,
+    put_mark,
+    title_of,
+)  # fmt: skip
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
 from maxcon.search.objectives import Objective, Scores
@@ -31,8 +40,6 @@ if TYPE_CHECKING:
 
 # More squares along a search space would be finer than the picture's pixels.
 MOST_BLOCKS = 50
-# Exponent of the colour scale: in squares this small, all but the peak would be dark on a linear one.
-COLOR_POWER = 0.5
 # Colour and line width of the frame of a search space: of this epoch, and of others.
 FRAMES = (("black", 2.6), (MUTED, 0.8))
 # Half width of the picture over the reach of a search space: it shows 75 m for the paper's space of 6 m.
@@ -87,7 +94,6 @@ def draw_matches(axes: "Axes", scene: Scene) -> list["Artist"]:
 
 def draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this: bool) -> None:
     """Draw the scores of the best heading on the ground, in a frame, with a mark at the best cell."""
-    from matplotlib.colors import PowerNorm
     from matplotlib.patches import Rectangle
 
     prior, space = view.accumulator.prior, view.space
@@ -96,7 +102,7 @@ def draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this:
     blocks = highest_of_blocks(view.scores[view.best[0]], edge)
     ny, nx = (n * edge * space.cell_edge for n in blocks.shape)
     covered = Window(west, west + nx, south, south + ny)
-    draw_scores(axes, blocks, covered, PowerNorm(COLOR_POWER, *view.limits), zorder=5.0)
+    draw_scores(axes, blocks, covered, view.norm, zorder=5.0)
     color, line_width = FRAMES[0 if is_this else 1]
     axes.add_patch(Rectangle((west, south), nx, ny, fill=False, ec=color, lw=line_width, zorder=5.5))
     if view.has_best:
@@ -184,9 +190,11 @@ def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow],
     """Draw one row per epoch: the scan in the map from above, and the search space of each objective.
 
     A search space is drawn at the heading of its best cell, with (0, 0) at the reference. Its colours run from
-    0 (the lowest score, if negative) to its own highest: scores of different objectives have different units.
+    0 (the lowest score, if negative) to its own highest, on a root scale: scores of different objectives have
+    different units.
     """
     from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import PowerNorm
     from matplotlib.lines import Line2D
 
     n_places = max(len(row.views) for row in rows)
@@ -204,9 +212,9 @@ def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow],
                 axes.set_title(view_words(view, row.reference), loc="left", pad=12, parse_math=False)
                 axes.set_xlabel("x from the reference [m]")
             places[0].set_ylabel("y from the reference [m]")
-        scale = ScalarMappable(cmap=COLORS)
-        words = scale_words(view for row in rows for view in row.views)
-        figure.colorbar(scale, ax=panels[:, -1], ticks=[0.0, 0.5, 1.0], label=words, shrink=0.9)
+        scale = ScalarMappable(PowerNorm(COLOR_POWER, 0.0, 1.0), cmap=COLORS)
+        words = f"{scale_words(view for row in rows for view in row.views)} (root scale)"
+        figure.colorbar(scale, ax=panels[:, -1], ticks=[0.0, 0.1, 0.5, 1.0], format="%g", label=words, shrink=0.9)
         dot = Line2D([], [], ls="", marker="o", ms=7, mew=0, color=SCAN_COLOR, label="scan at the reference")
         figure.legend(handles=[map_patch(), dot, *cell_marks()], loc="outside lower left", ncols=4)
 
@@ -226,13 +234,11 @@ def _draw_ground(axes: "Axes", row: ComparisonRow) -> None:
 
 def draw_view(axes: "Axes", view: SearchSpaceView, reference: Pose) -> None:
     """Draw the best heading with the reference at (0, 0), and mark both."""
-    from matplotlib.colors import Normalize
-
     x, y = view.offset(reference)
     ground = ground_of(view.space, -x, -y)
     xlim, ylim = (min(ground.west, 0.0), max(ground.east, 0.0)), (min(ground.south, 0.0), max(ground.north, 0.0))
     axes.set(xlim=xlim, ylim=ylim, facecolor=OUTSIDE)
-    draw_scores(axes, view.scores[view.best[0]], ground, Normalize(*view.limits))
+    draw_scores(axes, view.scores[view.best[0]], ground, view.norm)
     best_mark, reference_mark = cell_marks()
     put_mark(axes, reference_mark, 0.0, 0.0)
     if view.has_best:
