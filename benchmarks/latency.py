@@ -8,8 +8,8 @@ In windows of so many metres and degrees around priors that are wrong by up to a
 stages; GICP from the prior; a count followed by GICP. In the window of the paper its cells too, by bounds and
 exhaustively. Each epoch is localized once by each method to compile and to have its part of the map in memory, once
 more for the memory that it takes, then round after round, the methods taking turns. FOLDER/latency.csv gets a row for
-each of these runs, in processor time; latency_table.py and latency_plot.py make the table and the picture of it. Of a
-DATASET with clouds, maps are built in FOLDER as in prior_error.py, and registrations get one with ground.
+each of these runs, in processor time; latency_table.py makes tables of it. Of a DATASET with clouds, maps are built in
+FOLDER as in prior_error.py, and registrations get one with ground.
 """
 
 import argparse
