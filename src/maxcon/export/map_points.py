@@ -98,7 +98,7 @@ def _write_las(path: Path, points: Iterator[NDArray[np.void]], manifest: Manifes
 
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales, header.offsets = np.full(3, RESOLUTION), np.floor(manifest.origin)
-    names = {"nx": "NormalX", "ny": "NormalY", "nz": "NormalZ", "count": "count", "change": "change"}
+    names = {f"n{axis}": f"Normal{axis.upper()}" for axis in "xyz"} | {"count": "count", "change": "change"}
     header.add_extra_dims([laspy.ExtraBytesParams(name, POINT[field]) for field, name in names.items()])
     if manifest.crs is not None:
         header.add_crs(pyproj.CRS.from_user_input(metric_crs(manifest.crs)))
