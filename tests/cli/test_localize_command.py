@@ -264,3 +264,16 @@ def test_lists_of_epochs(text, n_epochs, wanted):
 def test_lists_of_epochs_that_are_none(text):
     with pytest.raises(OptionError, match=r"--plot-epochs to list epochs from 0 to 3, such as 0,5,10-20, or all"):
         parse_epochs(text, 4)
+
+
+def test_a_page_of_the_drive_is_written_with_and_without_a_reference(localize, drive, refused, tmp_path):
+    page = tmp_path / "page.html"
+    ended = localize("--report", page, "--reference", drive.dataset.reference, "-q")
+    assert (ended.code, ended.err) == (0, "") and ended.out.endswith(f"a page of it: {page}\n")
+    text = page.read_text(encoding="utf-8")
+    assert "4 of 4 scans are localized" in text and "How far from the reference" in text
+    assert "12 m and 10 degrees around" in text and "assumed: " in text
+    assert localize("--report", page, "--resume", "-q").code == 0
+    assert "--reference POSES" in page.read_text(encoding="utf-8")
+    refused(localize("--reference", drive.dataset.reference, out="b.csv"), "--reference", "--report PAGE.html")
+    refused(localize("--report", tmp_path / "b.csv", out="b.csv"), "--report, got one twice")

@@ -64,7 +64,7 @@ def test_tables_that_cannot_be_written_are_told_first(maxcon, refused, localize,
 def test_outputs_that_replace_each_other_or_a_file(maxcon, refused, localize, build, drive, out, monkeypatch):
     monkeypatch.chdir(out)
     before = drive.dataset.prior.read_bytes()
-    twice = ("--prior, --out and --tum", "twice")
+    twice = ("--prior, --out, --tum and --report", "twice")
     refused(maxcon(*localize, drive.dataset.prior), *twice)
     refused(maxcon(*localize, out / "poses.txt", "--tum", out / "." / "poses.txt"), *twice)
     assert drive.dataset.prior.read_bytes() == before

@@ -14,12 +14,14 @@ from maxcon.cli.terminal import Stop, compiling_told, step_bars
 from maxcon.errors import FileError, MaxconError, OptionError
 
 if TYPE_CHECKING:
+    from maxcon.cli.drive_inputs import OpenedDrive
     from maxcon.drive.localize import DriveOptions, EpochEstimate, Method
     from maxcon.drive.poses_table import RowsThere
     from maxcon.drive.within_sigmas import WithinSigmas
     from maxcon.io.scans import Scans
     from maxcon.localizer import MaximumConsensus
     from maxcon.map import PointMap
+    from maxcon.scan.trajectory import Trajectory
 
 N_PICTURES = 10
 """Pictures drawn when none are asked for by number, evenly over the drive."""
@@ -28,18 +30,25 @@ N_PICTURES = 10
 # --- before the work -------------------------------------------------------------------------------------------
 
 
-def check_outputs(out: Path, table: TableOptions, *, prior: Path | None = None, plot: Path | None = None) -> None:
+def check_outputs(
+    out: Path, table: TableOptions, *, prior: Path | None = None, plot: Path | None = None, report: Path | None = None
+) -> None:
     """Refuse outputs that cannot be written, or would replace anything unasked."""
     from maxcon._system.atomic import check_folder, check_writable
+    from maxcon.lab.report import check_jinja2
+    from maxcon.plotting.figure import check_matplotlib
 
-    named = [path.resolve() for path in (prior, out, table.tum) if path is not None]
+    named = [path.resolve() for path in (prior, out, table.tum, report) if path is not None]
     if len(set(named)) < len(named):
-        raise OptionError("Expected different files as --prior, --out and --tum, got one twice. Rename one.")
+        raise OptionError("Expected different files as --prior, --out, --tum and --report, got one twice. Rename one.")
     if out.suffix.lower() not in ("", ".csv", ".txt"):
         raise OptionError(
             f"Expected a .csv as --out, got {out}. Write POSES.csv; `maxcon export` turns it into other formats."
         )
-    for path in (out, table.tum):
+    if report is not None:
+        check_jinja2()
+        check_matplotlib()
+    for path in (out, table.tum, report):
         if path is not None:
             check_writable(path)
     if plot is not None:
@@ -155,6 +164,26 @@ def write_trajectory(tum: Path, out: Path, there: "RowsThere", epochs: "list[Epo
         typer.echo(f"no pose to write: {tum} is not written")
     else:
         write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
+
+
+def report_drive(
+    page: Path, out: Path, drive: "OpenedDrive", reference: "Trajectory | None", assumed: dict[str, str]
+) -> None:
+    """Write the page of a drive, of all rows of its table."""
+    from maxcon.cli.map_words import sigma_words
+    from maxcon.export import read_rows
+    from maxcon.lab.report.drive_page import LocalizedDrive, write_drive_page
+    from maxcon.map.manifest import read_manifest
+
+    prior, entry = drive.prior.trajectory, drive.entry
+    facts = {
+        "Map": f"{entry.map}, voxels of {drive.point_map.cell:g} m", "Scans": f"{entry.scans}",
+        "Sigma of the map": sigma_words(read_manifest(entry.map)), "Rough poses": f"{entry.prior or entry.scans}",
+        **assumed,
+    }  # fmt: skip
+    localized = LocalizedDrive(read_rows(out), drive.point_map, drive.scans, drive.opener.drive, prior, reference)
+    write_drive_page(page, localized, f"{entry.scans.name} in {Path(entry.map).name}", facts)
+    typer.echo(f"a page of it: {page}")
 
 
 def is_whole(epochs: "list[EpochEstimate]", there: "RowsThere", n_epochs: int, *, track: bool = False) -> bool:

@@ -18,6 +18,7 @@ from maxcon.cli.drive_output import (
     parse_epochs,
     print_alternative,
     print_summary,
+    report_drive,
     write_trajectory,
     written,
 )
@@ -94,8 +95,14 @@ class PictureOptions(OptionGroup, title="Output"):
         None, "Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.", metavar="LIST"
     )
 
+    report: Path | None = flag(
+        None, "Write a page of the drive: map, statuses, protection levels, worst epochs.", metavar="PAGE.html"
+    )
+    reference: Path | None = flag(None, "Poses held for true: how good the answers are, too.", metavar="TUM|CSV")
+
     def __post_init__(self) -> None:
         check_needs({"--plot-epochs": self.plot_epochs}, {"--plot DIR": self.plot})
+        check_needs({"--reference": self.reference}, {"--report PAGE.html": self.report})
 
 
 @flags
@@ -133,6 +140,7 @@ def localize(
     from maxcon.drive.localize import DriveOptions
     from maxcon.drive.many import DriveEntry
     from maxcon.drive.poses_table import RowsThere, rows_there
+    from maxcon.io.trajectories import read_trajectory
 
     if worker.scheduler is not None:  # its workers are in other folders
         map_folder, scans, prior = (_absolute(path) for path in (files.map_folder, files.scans, files.prior))
@@ -148,7 +156,8 @@ def localize(
     if files.drives is not None:
         of_one = {
             "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": time.times,
-            "--tum": table.tum, "--plot": pictures.plot, "--resume": table.resume, "--overwrite": table.overwrite,
+            "--tum": table.tum, "--plot": pictures.plot, "--report": pictures.report,
+            "--resume": table.resume, "--overwrite": table.overwrite,
         }  # fmt: skip
         check_exclusive({"--drives, where a table names files and a call goes on,": True}, of_one)
         _localize_many(files.drives, files.map_folder, files.out, opener, engine, quiet)
@@ -161,7 +170,8 @@ def localize(
     check_exclusive({"--track": motion.track}, {"--resume": table.resume, "--workers or --scheduler": has_workers})
     check_needs({"--drift": motion.drift}, {"--odometry": motion.odometry})
     out, plot = files.out, pictures.plot
-    check_outputs(out, table, prior=files.prior, plot=plot)
+    check_outputs(out, table, prior=files.prior, plot=plot, report=pictures.report)
+    reference = None if pictures.reference is None else read_trajectory(pictures.reference)
     entry = DriveEntry("", files.scans, files.map_folder, files.prior, time.times, motion.odometry)
     drive = opener.open(entry, opener.open_map(files.map_folder), quiet=quiet)
     searching, n_epochs = drive.windows or drive.method, len(drive.scans)
@@ -178,6 +188,10 @@ def localize(
         print_alternative(drive.point_map, drive.scans, epochs, searching, options)
     if table.tum is not None:
         write_trajectory(table.tum, out, there, epochs)
+    if pictures.report is not None:
+        reach = f"{drive.method.space.half_width:g} m and {drive.method.space.heading_half_width_deg:g} degrees around"
+        assumed = {"Searched": searched or reach, "Risk of a protection level": f"{certainty.risk:g} per scan"}
+        report_drive(pictures.report, out, drive, reference, assumed)
     if not is_whole(epochs, there, n_epochs, track=motion.track):
         raise typer.Exit(1)
 

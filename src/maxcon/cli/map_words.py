@@ -50,7 +50,7 @@ def print_manifest(manifest: "Manifest") -> None:
         rows.append(("spacing", _spacing(build["spacing"], manifest.cell)))
     if "found" in build:
         rows.append(("found", _found(build["found"])))
-    rows += [("sigma", _sigma(manifest)), ("made by", str(build.get("program", "unknown")))]
+    rows += [("sigma", sigma_words(manifest)), ("made by", str(build.get("program", "unknown")))]
     rows += rows_of_updates(build.get("updates", []))
     print_rows(rows)
     print_rows(("source", _source(source, is_found="found" in build)) for source in build.get("sources", []))
@@ -109,7 +109,7 @@ def _found(found: Mapping[str, Any]) -> str:
     return text + (f"; temporary objects cannot be found: {found['temporary']}" if found["temporary"] else "")
 
 
-def _sigma(manifest: "Manifest") -> str:
+def sigma_words(manifest: "Manifest") -> str:
     """How well the map is known, and from what."""
     known = manifest.build.get("sigma", {"from": "it does not say from what"})
     if known["from"] == "passes":

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 BAND, TRUSTED, WITHHELD, WRONG = "#bcd9ee", SERIES[0], "#9aa1ad", "#c00000"
 STATUS_COLORS = {
-    Status.LOCALIZED.value: SERIES[2],
+    Status.LOCALIZED.value: SERIES[0],
     Status.AMBIGUOUS.value: SERIES[4],
     Status.WALLS_MISSING.value: SERIES[3],
     Status.NOT_CONFIRMED.value: SERIES[5],
-    Status.AT_RIM.value: SERIES[0],
+    Status.AT_RIM.value: SERIES[2],
     Status.UNDETERMINED.value: SERIES[1],
     Status.NOT_CONVERGED.value: SERIES[1],
 }
@@ -71,6 +71,11 @@ def _is_any(values: NDArray[np.float64]) -> bool:
     return not bool(np.isnan(values).all())
 
 
+def _has_errors(rows: Sequence[ErrorRow]) -> bool:
+    """Whether any error is known: without a reference none is."""
+    return any(_is_any(row.errors) for row in rows)
+
+
 def plot_timeline(
     path: str | os.PathLike[str],
     epochs: NDArray[np.float64],
@@ -80,7 +85,7 @@ def plot_timeline(
     *,
     title: str,
 ) -> None:
-    """Draw a drive: a row for each status that occurs, and one for each kind of error.
+    """Draw a drive: a row for each status that occurs, and one for each kind of error, whether errors are known or not.
 
     path: a .png or .svg to write.
     epochs: shape (n,), n > 0; numbers of the scans, rising.
@@ -91,7 +96,8 @@ def plot_timeline(
     trusted = said == Status.LOCALIZED.value
     words = sorted(Counter(statuses), key=lambda word: (word != Status.LOCALIZED.value, -statuses.count(word)))
     lines = [(word, said == word, STATUS_COLORS.get(word, MUTED)) for word in words]
-    lines.append(("trusted and wrong", trusted & is_wrong, WRONG))
+    if _has_errors(rows):
+        lines.append(("trusted and wrong", trusted & is_wrong, WRONG))
     subtitle = _words(rows, len(epochs), int((trusted & is_wrong).sum()))
     # Width of the stroke of an epoch, points: without gaps between neighbours, and never too thin to be seen.
     step = float(np.median(np.diff(epochs))) if len(epochs) > 1 else 1.0
@@ -115,6 +121,8 @@ def plot_timeline(
 
 def _words(rows: Sequence[ErrorRow], n_epochs: int, n_wrong: int) -> str:
     """Return the subtitle: how many trusted answers are wrong, and what to look for."""
+    if not _has_errors(rows):
+        return f"{n_epochs:,} epochs, without a reference: what the method predicts."
     wrong = "No trusted answer is wrong" if n_wrong == 0 else f"Trusted and wrong: {n_wrong:,}"
     look = "The method predicts no errors: there are no bands."
     if any(_is_any(row.sigmas) for row in rows):
@@ -167,6 +175,7 @@ def _draw_legend(figure: "Figure", rows: Sequence[ErrorRow]) -> None:
         Line2D([], [], ls="", marker="o", ms=6, color=WITHHELD, label="error, withheld answer"),
         Line2D([], [], ls="", marker="^", ms=6, color=MUTED, label="beyond the axis"),
     ]
+    handles = handles if _has_errors(rows) else []
     if any(_is_any(row.sigmas) for row in rows):
         handles.append(Line2D([], [], color=BAND, lw=7, label="±2 predicted sigmas"))
     if any(_is_any(row.levels) for row in rows):

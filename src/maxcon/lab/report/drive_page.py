@@ -1,0 +1,284 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The page of one's own drive: where it went, how sure the answers are, which are in doubt; how good, if that is known.
+
+It is made of the table of poses, so that it is the same for a drive that was gone on with or localized by workers.
+"""
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon._system.version import __version__
+from maxcon.drive.localize import DriveOptions
+from maxcon.drive.poses_table import COVARIANCES, PROTECTION_LEVELS
+from maxcon.errors import TrajectoryError
+from maxcon.estimate import Status
+from maxcon.export import PoseRow
+from maxcon.geometry import Pose
+from maxcon.io.scans import Scans
+from maxcon.lab.evaluation import PROMISED, SUCCESS_WORDS, Coverage, PoseError, Quantiles, pose_error
+from maxcon.lab.report import Picture, write_page
+from maxcon.lab.report.timeline import ErrorRow, plot_timeline
+from maxcon.map import PointMap
+from maxcon.plotting.epoch import MOST_HALF_WIDTH, PRIOR_COLOR, draw_points, half_width_of, is_off_the_ground
+from maxcon.plotting.figure import INK, SERIES
+from maxcon.plotting.from_above import Window, map_figure, round_length
+from maxcon.scan import Scan
+from maxcon.scan.trajectory import Trajectory
+
+N_WORST = 10
+MOST_LISTED = 50
+"""Epochs without a pose that are listed one by one."""
+ELLIPSE = math.sqrt(5.991)
+"""Semi-axes of an ellipse that holds 95 % of x and y, over the standard deviations along them."""
+SEEN = 0.03
+"""The median ellipse is drawn so large, of the window."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalizedDrive:
+    """A drive that was localized, with what it was localized by; poses in global coordinates.
+
+    rows: of POSES.csv, one for each scan, in order. prior: None if there was none. reference: poses held for true.
+    """
+
+    rows: Sequence[PoseRow]
+    point_map: PointMap
+    scans: Scans
+    options: DriveOptions
+    prior: Trajectory | None = None
+    reference: Trajectory | None = None
+
+    def local(self, source: Trajectory | None, epoch: int) -> Pose | None:
+        """The pose of a trajectory at an epoch, local frame; None where it has none."""
+        try:
+            pose = None if source is None else source.at(self.rows[epoch].time, self.options.max_gap)
+        except TrajectoryError:
+            return None
+        return None if pose is None else self.point_map.frame.pose_to_local(pose)
+
+    def answer(self, epoch: int) -> Pose | None:
+        """The answer of an epoch, local frame; None unless localized."""
+        pose = self.rows[epoch].pose
+        return None if pose is None else self.point_map.frame.pose_to_local(pose)
+
+    def numbers(self, name: str) -> NDArray[np.float64]:
+        """A column of the table, shape (n,); NaN where it is empty."""
+        return np.array([row.numbers.get(name, math.nan) for row in self.rows])
+
+    def covariances(self) -> NDArray[np.float64]:
+        """Covariances of x, y and heading, shape (n, 3, 3), axes of the map; NaN where there is none."""
+        upper = np.full((len(self.rows), 6, 6), math.nan)
+        upper[:, *np.triu_indices(6)] = np.column_stack([self.numbers(name) for name in COVARIANCES])
+        return np.stack([[upper[:, min(a, b), max(a, b)] for b in (0, 1, 5)] for a in (0, 1, 5)]).transpose(2, 0, 1)
+
+    def sigmas(self) -> NDArray[np.float64]:
+        """Standard deviations along and across the heading, m, and of the heading, rad, shape (n, 3)."""
+        headings = np.array([math.nan if row.pose is None else row.pose.heading for row in self.rows])
+        c, s, zero, one = np.cos(headings), np.sin(headings), 0.0 * headings, np.ones_like(headings)
+        turns = np.array([[c, s, zero], [-s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
+        turned = turns @ self.covariances() @ turns.transpose(0, 2, 1)
+        return np.asarray(np.sqrt(np.diagonal(turned, axis1=1, axis2=2)))
+
+    def errors(self) -> list[PoseError | None]:
+        """How far each answer is from the reference; None where one of both is missing."""
+        pairs = [(self.answer(epoch), self.local(self.reference, epoch)) for epoch in range(len(self.rows))]
+        return [None if ours is None or true is None else pose_error(ours, true) for ours, true in pairs]
+
+
+def write_drive_page(path: str | os.PathLike[str], drive: LocalizedDrive, title: str, facts: Mapping[str, str]) -> None:
+    """Write the page of a drive as one HTML file.
+
+    facts: what was assumed and searched, by name; shown on top. They should say where the map's sigma is from.
+    """
+    errors, covariances, sigmas, rows = drive.errors(), drive.covariances(), drive.sigmas(), drive.rows
+    is_wrong = np.array([error is not None and not error.is_success for error in errors])
+    is_localized = np.array([row.pose is not None for row in rows])
+    levels = np.column_stack([drive.numbers(name) for name in PROTECTION_LEVELS])
+    with TemporaryDirectory() as folder:
+        drawn = Path(folder)
+        page = {
+            "title": title,
+            "headline": _headline(is_localized, is_wrong, levels),
+            "facts": facts,
+            "map_words": _map_words(drive.point_map.sigma, covariances),
+            "above": _from_above(drawn / "above.png", drive, covariances),
+            "statuses": _statuses(rows),
+            "left_out": [(n, drive.scans.name(n), rows[n]) for n in np.flatnonzero(~is_localized)[:MOST_LISTED]],
+            "n_left_out": int((~is_localized).sum()),
+            "timeline": _timeline(drawn / "timeline.svg", rows, errors, is_wrong, sigmas, levels),
+            "accuracy": None if drive.reference is None else _accuracy(errors, is_wrong, sigmas, levels),
+            "success": SUCCESS_WORDS,
+            "promised": PROMISED,
+            "worst": [
+                _epoch(drawn / f"{epoch}.png", drive, epoch)
+                for epoch in worst_epochs(is_localized, is_wrong, np.nanmax(np.nan_to_num(levels), axis=1))
+            ],
+            "version": __version__,
+        }
+        write_page(path, "drive.html.j2", page)
+
+
+def worst_epochs(
+    is_localized: NDArray[np.bool_], is_wrong: NDArray[np.bool_], levels: NDArray[np.float64]
+) -> list[int]:
+    """Return at most ten epochs: wrong and localized first, then not localized, then of the largest levels, m.
+
+    Those that are not localized are taken evenly from the drive: neighbours look alike.
+    """
+    wrong = np.flatnonzero(is_wrong & is_localized)[:N_WORST]
+    without = np.flatnonzero(~is_localized)
+    n_without = min(len(without), N_WORST - len(wrong))
+    chosen = without[np.linspace(0, len(without) - 1, n_without).round().astype(int)] if n_without else without[:0]
+    others = np.flatnonzero(is_localized & ~is_wrong)
+    others = others[np.argsort(-levels[others], kind="stable")]
+    return [*wrong.tolist(), *chosen.tolist(), *others.tolist()][:N_WORST]
+
+
+# --- words and tables ------------------------------------------------------------------------------------------
+
+
+def _headline(is_localized: NDArray[np.bool_], is_wrong: NDArray[np.bool_], levels: NDArray[np.float64]) -> str:
+    words = f"{is_localized.sum():,} of {len(is_localized):,} scans are localized."
+    either = levels.max(axis=1)
+    if np.isfinite(either).any():
+        words += f" Protection levels: {np.nanmedian(either):.2f} m in the median, {np.nanmax(either):.2f} m at most."
+    n_wrong = int((is_localized & is_wrong).sum())
+    return words + (f" Farther than {SUCCESS_WORDS} from the reference: {n_wrong}." if n_wrong else "")
+
+
+def _map_words(sigma: float, covariances: NDArray[np.float64]) -> str:
+    """What the map's sigma makes of the covariances."""
+    variance = covariances[:, 0, 0] + covariances[:, 1, 1]
+    if not np.isfinite(variance).any():
+        return "No answer has a covariance."
+    ratio = min(1.0, 2.0 * sigma**2 / float(np.nanmedian(variance)))
+    return (
+        f"Every covariance here contains the map's own sigma of {sigma:g} m: it makes {100.0 * ratio:.0f} % of the"
+        " variance of x and y in the median. If the map is off by more than that, so are the poses, and nothing in a"
+        " scan can tell."
+    )
+
+
+def _statuses(rows: Sequence[PoseRow]) -> list[dict[str, Any]]:
+    """Each status that occurs: how often, what it means, and the first reason beside it; localized first."""
+    found = []
+    for word in sorted({row.status for row in rows}, key=lambda word: (word != Status.LOCALIZED, word)):
+        reasons = [row.reason for row in rows if row.status == word]
+        reason = next(filter(None, reasons), "")
+        found.append({"status": word, "n": len(reasons), "meaning": Status(word).explanation, "reason": reason})
+    return found
+
+
+def _accuracy(
+    errors: Sequence[PoseError | None],
+    is_wrong: NDArray[np.bool_],
+    sigmas: NDArray[np.float64],
+    levels: NDArray[np.float64],
+) -> dict[str, Any]:
+    """Errors along, across, of the heading, and in x and y together, and how many the sigmas hold."""
+    along, across, heading = _signed(errors)
+    turned, sigma_deg = np.degrees(heading), np.degrees(sigmas[:, 2])
+    kinds = {"along": (along, sigmas[:, 0]), "across": (across, sigmas[:, 1]), "heading": (turned, sigma_deg)}
+    rows = [
+        {"name": name, "unit": "°" if name == "heading" else "m", "of": Quantiles.of(values[np.isfinite(values)]),
+         "within": Coverage.of(values, sigma).shares}
+        for name, (values, sigma) in kinds.items()
+    ]  # fmt: skip
+    together = np.hypot(along, across)
+    rows.append({"name": "x and y", "unit": "m", "of": Quantiles.of(together[np.isfinite(together)]), "within": ()})
+    has_level = np.isfinite(levels).all(axis=1) & np.isfinite(along)
+    is_beyond = (np.abs(np.column_stack([along, across])) > levels).any(axis=1) & has_level
+    return {
+        "rows": rows, "n": int(np.isfinite(along).sum()), "n_wrong": int(is_wrong.sum()),
+        "n_levels": int(has_level.sum()), "n_beyond": int(is_beyond.sum()),
+    }  # fmt: skip
+
+
+def _signed(errors: Sequence[PoseError | None]) -> NDArray[np.float64]:
+    """Errors along, across (m) and of the heading (rad), shape (3, n); NaN where there are none."""
+    nothing = (math.nan,) * 3
+    return np.array([nothing if one is None else (one.along, one.across, one.heading) for one in errors]).T
+
+
+# --- pictures --------------------------------------------------------------------------------------------------
+
+
+def _from_above(path: Path, drive: LocalizedDrive, covariances: NDArray[np.float64]) -> Picture:
+    from matplotlib.patches import Ellipse
+
+    n_epochs = len(drive.rows)
+    answers = [drive.answer(epoch) for epoch in range(n_epochs)]
+    priors = [drive.local(drive.prior, epoch) for epoch in range(n_epochs)]
+    places = np.array([pose.position[:2] for pose in (*answers, *priors) if pose is not None]).reshape(-1, 2)
+    window = Window.with_room(places if len(places) else np.zeros((1, 2)))
+    values, vectors = np.linalg.eigh(np.nan_to_num(covariances[:, :2, :2]))
+    largest = ELLIPSE * np.sqrt(np.maximum(values[:, 1], 0.0))
+    median = float(np.median(largest[largest > 0.0])) if (largest > 0.0).any() else 1.0
+    factor = round_length(max(1.0, SEEN * max(window.size) / (2.0 * median)))
+    east, north, _ = drive.point_map.frame.origin
+    words = f"Ellipses of 95 %, {factor:g} times as large. {east:.0f} m east and {north:.0f} m north are (0, 0)."
+    with map_figure(path, window, drive.point_map, ("The drive from above", words), side=8.2) as (figure, axes):
+        rough = np.array([(math.nan,) * 2 if pose is None else pose.position[:2] for pose in priors])
+        if np.isfinite(rough).any():
+            axes.plot(*rough.T, color=PRIOR_COLOR, lw=1.0, zorder=3, label="prior")
+        found = np.array([(math.nan,) * 2 if pose is None else pose.position[:2] for pose in answers])
+        axes.plot(*found.T, "o", color=SERIES[0], ms=3.5, zorder=5, label="localized")
+        for epoch in np.flatnonzero(largest > 0.0):
+            height, width = 2.0 * factor * ELLIPSE * np.sqrt(np.maximum(values[epoch], 0.0))
+            angle = math.degrees(math.atan2(vectors[epoch, 1, 1], vectors[epoch, 0, 1]))
+            axes.add_patch(
+                Ellipse(found[epoch], width, height, angle=angle, fill=False, ec=SERIES[0], lw=0.8, zorder=4)
+            )
+        lost = rough[[pose is None for pose in answers]]
+        if np.isfinite(lost).any():
+            axes.plot(*lost.T, "X", mfc=SERIES[4], mec=INK, ms=8, zorder=6, label="not localized, at its prior")
+        figure.legend(loc="outside lower left", ncols=3)
+    return Picture.of("drive-above", path, factor=factor)
+
+
+def _timeline(
+    path: Path,
+    rows: Sequence[PoseRow],
+    errors: Sequence[PoseError | None],
+    is_wrong: NDArray[np.bool_],
+    sigmas: NDArray[np.float64],
+    levels: NDArray[np.float64],
+) -> Picture:
+    along, across, heading = _signed(errors)
+    kinds = [
+        ErrorRow("along", "m", along, sigmas[:, 0], levels[:, 0]),
+        ErrorRow("across", "m", across, sigmas[:, 1], levels[:, 1]),
+        ErrorRow("heading", "°", np.degrees(heading), np.degrees(sigmas[:, 2]), np.full(len(rows), math.nan)),
+    ]
+    words = [row.status for row in rows]
+    plot_timeline(path, np.arange(float(len(rows))), words, is_wrong, kinds, title="Scan by scan")
+    return Picture.of("drive-timeline", path)
+
+
+def _epoch(path: Path, drive: LocalizedDrive, epoch: int) -> Picture:
+    """The scan of an epoch on the map, at its prior and, if it is localized, at the answer."""
+    row, name = drive.rows[epoch], drive.scans.name(epoch)
+    prior, answer = drive.local(drive.prior, epoch), drive.answer(epoch)
+    at = answer or prior or Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    scan = Scan(drive.scans.read(epoch, drive.options.min_range, drive.options.max_range).points)
+    points = scan.points[is_off_the_ground(scan, at)]
+    sets = [("scan at the prior", PRIOR_COLOR, prior.apply(points), 1.3)] if prior is not None else []
+    if answer is not None:
+        sets.append(("scan at the answer", SERIES[0], answer.apply(points), 1.6))
+    window = Window.around(at.x, at.y, half_width_of(scan, MOST_HALF_WIDTH))
+    titles = f"Epoch {epoch}: {row.status}", name
+    with map_figure(path, window, drive.point_map, titles, side=4.6) as (figure, axes):
+        figure.legend(handles=draw_points(axes, sets), loc="outside lower left", ncols=2)
+    level = max((row.numbers.get(name, 0.0) for name in PROTECTION_LEVELS), default=0.0)
+    known = [f"protection level {level:.2f} m" if level else "", row.reason]
+    words = "; ".join(filter(None, known)) or "no reason beside it"
+    return Picture("", f"Epoch {epoch}, {name}: {row.status}; {words}.", "A scan on the map from above.", path)
