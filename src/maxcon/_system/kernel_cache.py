@@ -45,7 +45,8 @@ def njit(*, cache: bool = False, counts_references: bool = True, **options: Any)
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        kernel: Any = numba.njit(_nrt=counts_references, **options)(function)
+        chosen = options | {"_nrt": counts_references}  # which numba's own types do not know
+        kernel: Any = numba.njit(**chosen)(function)
         if cache and isinstance(kernel, Dispatcher) and code_folder() is not None:
             kernel._cache = _ContentCache(function)  # type: ignore[attr-defined, no-untyped-call, unused-ignore]
         return kernel
