@@ -2,29 +2,55 @@
 # SPDX-License-Identifier: MIT
 """A drive opened as the options of `maxcon localize` say, in this process or in a worker: its inputs and its method."""
 
+from __future__ import annotations
+
+import math
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from maxcon._system.engine import Engine, in_order_of
 from maxcon.cli.flags import check_exclusive, check_needs
-from maxcon.cli.options import Certainty, MethodOptions, MotionOptions, RecordingOptions, SpaceOptions, parse_objective
+from maxcon.cli.options import (
+    LARGEST_HALF_WIDTH,
+    SIGMAS,
+    Certainty,
+    MethodOptions,
+    MotionOptions,
+    RecordingOptions,
+    SpaceOptions,
+)
 from maxcon.cli.terminal import step_bars
+from maxcon.drive.diagnosis import check_heights
+from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate, read_epoch, scan_of, track_drive
+from maxcon.drive.many import DriveEntry, DriveTask, ManyDrivesJob, tasks_of
+from maxcon.drive.motion import MotionNoise
+from maxcon.drive.tracker import Tracker
+from maxcon.drive.within_sigmas import WithinSigmas
 from maxcon.errors import MapError, MaxconError, OptionError, TrajectoryError
-
-if TYPE_CHECKING:
-    from maxcon._system.engine import Engine
-    from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate
-    from maxcon.drive.many import DriveEntry, DriveTask
-    from maxcon.drive.within_sigmas import WithinSigmas
-    from maxcon.io.fixes import RecordedPoses
-    from maxcon.io.scans import Scans
-    from maxcon.localizer import MaximumConsensus
-    from maxcon.map import PointMap
-    from maxcon.scan.mounting import Mounting
-    from maxcon.scan.trajectory import Trajectory
+from maxcon.integrity import Trust
+from maxcon.io.fixes import Heights, RecordedPoses
+from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
+from maxcon.io.raw_scan import DeskewedScans, MergedScans, Scans
+from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
+from maxcon.io.recordings.poses import read_recorded_poses
+from maxcon.io.recordings.recorded_scans import RecordedScans
+from maxcon.io.recordings.transforms import parse_frames
+from maxcon.io.scans import open_scans
+from maxcon.io.trajectories import read_prior, read_trajectory
+from maxcon.localizer import MaximumConsensus
+from maxcon.map import PointMap
+from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED
+from maxcon.scan.mounting import Mounting, read_mounting
+from maxcon.scan.trajectory import Trajectory
+from maxcon.search.objectives import Objective, as_objective
+from maxcon.search.space import PAPER_STEP_DEG, SearchSpace, rounded_up
 
 
 @dataclass(frozen=True)
@@ -35,7 +61,7 @@ class DriveOpener:
     space: SpaceOptions
     recording: RecordingOptions
     motion: MotionOptions
-    drive: "DriveOptions"
+    drive: DriveOptions
     certainty: Certainty
     threads: int = field(repr=False)  # of no effect on the rows: not written down with them
 
@@ -44,20 +70,12 @@ class DriveOpener:
         """Whether an epoch needs those before it."""
         return self.motion.track
 
-    def open_map(self, path: Path | str) -> "PointMap":
+    def open_map(self, path: Path | str) -> PointMap:
         """Open a map."""
-        from maxcon.map import PointMap
-        from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED
-
         return PointMap.open(path, left_out=ALL_BUT_KNOWN if self.method.known_only else NOT_SEARCHED)
 
-    def open(self, entry: "DriveEntry", point_map: "PointMap", *, quiet: bool = True) -> "OpenedDrive":
+    def open(self, entry: DriveEntry, point_map: PointMap, *, quiet: bool = True) -> OpenedDrive:
         """Return a drive with its inputs opened; MaxconError if one cannot be read, or an option does not fit it."""
-        from maxcon.integrity import Trust
-        from maxcon.io.raw_scan import DeskewedScans
-        from maxcon.localizer import MaximumConsensus
-        from maxcon.scan.mounting import read_mounting
-
         mounting = None if self.recording.mounting is None else read_mounting(self.recording.mounting)
         scans = self._scans(entry, mounting)
         frame = _frame_of(scans) if mounting is None else ""
@@ -71,7 +89,7 @@ class DriveOpener:
 
         how, certainty = self.method, self.certainty
         method = MaximumConsensus(
-            self.space.fixed(),
+            _fixed_space(self.space),
             objective=parse_objective(how.objective),
             multiplicity=how.multiplicity,
             n_threads=self.threads if self.is_track else 1,
@@ -83,17 +101,14 @@ class DriveOpener:
             wider=self.space.wider,
             risk=certainty.risk,
         )
-        windows = self.space.within_sigmas(method, prior.trajectory, self.drive.max_gap, track=self.is_track)
+        windows = _within_sigmas(self.space, method, prior.trajectory, self.drive.max_gap, track=self.is_track)
         if self.is_track and windows is not None:
             method, windows = windows.at(float(prior.trajectory.times[0])), None
         told = tuple(filter(None, words))
         return OpenedDrive(self, entry, point_map, scans, prior, odometry, told, method, windows)
 
-    def _scans(self, entry: "DriveEntry", mounting: "Mounting | None") -> "Scans":
+    def _scans(self, entry: DriveEntry, mounting: Mounting | None) -> Scans:
         """The scans of a drive; of several scanners in the vehicle's frame."""
-        from maxcon.io.raw_scan import MergedScans
-        from maxcon.io.scans import open_scans
-
         options = self.recording
         if mounting is None or not mounting.scanners:
             return open_scans(entry.scans, entry.times, topic=options.topic, at_stamp=options.at_stamp)
@@ -114,25 +129,27 @@ class OpenedDrive:
     """
 
     opener: DriveOpener
-    entry: "DriveEntry"
-    point_map: "PointMap"
-    scans: "Scans"
-    prior: "RecordedPoses"
-    odometry: "Trajectory | None"
+    entry: DriveEntry
+    point_map: PointMap
+    scans: Scans
+    prior: RecordedPoses
+    odometry: Trajectory | None
     words: tuple[str, ...]
-    method: "MaximumConsensus"
-    windows: "WithinSigmas | None"
+    method: MaximumConsensus
+    windows: WithinSigmas | None
 
-    def estimates(self, first: int = 0, last: int | None = None) -> "Iterator[EpochEstimate]":
+    @property
+    def searching(self) -> WithinSigmas | MaximumConsensus:
+        """What searches first."""
+        return self.windows or self.method
+
+    def estimates(self, first: int = 0, last: int | None = None) -> Iterator[EpochEstimate]:
         """Localize the epochs `first` to `last` - 1; a track from its beginning to its end.
 
         What cannot work is said at once, with the files.
         """
         if not self.opener.is_track:
             return self.drive.estimates(first, len(self.scans) if last is None else last, self.opener.threads)
-        from maxcon.drive.localize import track_drive
-        from maxcon.drive.motion import MotionNoise
-        from maxcon.drive.tracker import Tracker
 
         prior, drift = self.prior.trajectory, self.opener.motion.drift
         noise = MotionNoise() if drift is None else MotionNoise(share=drift)
@@ -141,18 +158,13 @@ class OpenedDrive:
             return track_drive(self.point_map, self.scans, prior, tracker, self.odometry, self.opener.drive)
 
     @cached_property
-    def drive(self) -> "Drive":
+    def drive(self) -> Drive:
         """The drive with its priors found; what cannot work is said, with the files."""
-        from maxcon.drive.localize import Drive
-
-        searching = self.windows or self.method
         with self._naming_files():
-            return Drive.of(self.point_map, self.scans, self.prior.trajectory, searching, self.opener.drive)
+            return Drive.of(self.point_map, self.scans, self.prior.trajectory, self.searching, self.opener.drive)
 
-    def with_points(self, epoch: "EpochEstimate") -> "EpochEstimate":
+    def with_points(self, epoch: EpochEstimate) -> EpochEstimate:
         """Return an answer that came back without its points with them."""
-        from maxcon.drive.localize import read_epoch, scan_of
-
         raw, _ = read_epoch(self.scans, epoch.epoch, self.opener.drive)
         return replace(epoch, raw=raw, scan=scan_of(raw))
 
@@ -168,25 +180,18 @@ class OpenedDrive:
             raise MapError(f"{prior} and {self.entry.map}: {error}") from error
 
 
-def by_workers(
-    opened: OpenedDrive, engine: "Engine", first: int, with_points: frozenset[int]
-) -> "Iterator[EpochEstimate]":
+def by_workers(opened: OpenedDrive, engine: Engine, first: int, with_points: frozenset[int]) -> Iterator[EpochEstimate]:
     """Yield the epochs of a drive from one on, in order, localized by the workers of an engine.
 
     Points stay with the workers; those of the epochs `with_points` are read once more.
     """
-    from maxcon._system.engine import in_order_of
-    from maxcon.drive.many import tasks_of
-
     epochs = range(first, len(opened.drive.scans))  # what cannot work is said before anything is started
     found = in_order_of(epochs, _done(opened, engine, list(tasks_of(opened.entry, epochs))))
     return (opened.with_points(epoch) if epoch.epoch in with_points else epoch for epoch in found)
 
 
-def _done(opened: OpenedDrive, engine: "Engine", tasks: "list[DriveTask]") -> "Iterator[tuple[int, EpochEstimate]]":
+def _done(opened: OpenedDrive, engine: Engine, tasks: list[DriveTask]) -> Iterator[tuple[int, EpochEstimate]]:
     """Yield epochs with their numbers as they are done; MaxconError where a task cannot be."""
-    from maxcon.drive.many import ManyDrivesJob
-
     for _, found in engine.run(ManyDrivesJob(opened.opener), tasks, len(tasks)):
         if isinstance(found, str):
             raise MaxconError(found)
@@ -196,18 +201,13 @@ def _done(opened: OpenedDrive, engine: "Engine", tasks: "list[DriveTask]") -> "I
 # --- scans, prior, odometry -----------------------------------------------------------------------------------
 
 
-def _frame_of(scans: "Scans") -> str:
+def _frame_of(scans: Scans) -> str:
     """Name of the scanner's frame, where a recording tells it."""
-    from maxcon.io.recordings.recorded_scans import RecordedScans
-
     return scans.source.frame if isinstance(scans, RecordedScans) else ""
 
 
-def _words_of(scans: "Scans", quiet: bool) -> list[str]:
+def _words_of(scans: Scans, quiet: bool) -> list[str]:
     """What was taken from a recording; the times of its scans are found here, with a bar of progress."""
-    from maxcon.io.raw_scan import MergedScans
-    from maxcon.io.recordings.recorded_scans import RecordedScans
-
     words = []
     for part in scans.scanners if isinstance(scans, MergedScans) else (scans,):
         if isinstance(part, RecordedScans):
@@ -218,16 +218,9 @@ def _words_of(scans: "Scans", quiet: bool) -> list[str]:
 
 
 def _prior(
-    point_map: "PointMap",
-    entry: "DriveEntry",
-    options: RecordingOptions,
-    mounting: "Mounting | None",
-    sensor_frame: str,
-) -> "RecordedPoses":
+    point_map: PointMap, entry: DriveEntry, options: RecordingOptions, mounting: Mounting | None, sensor_frame: str
+) -> RecordedPoses:
     """Rough poses of the scanner."""
-    from maxcon.drive.diagnosis import check_heights
-    from maxcon.io.fixes import Heights
-
     poses = _poses_of_prior(point_map.frame.crs, entry, options, sensor_frame, are_sure=mounting is not None)
     trajectory = poses.trajectory
     if mounting is not None:
@@ -241,15 +234,9 @@ def _prior(
 
 
 def _poses_of_prior(
-    crs: str | None, entry: "DriveEntry", options: RecordingOptions, sensor_frame: str, *, are_sure: bool
-) -> "RecordedPoses":
+    crs: str | None, entry: DriveEntry, options: RecordingOptions, sensor_frame: str, *, are_sure: bool
+) -> RecordedPoses:
     """The poses of a recording, a table or a log, as they are there."""
-    from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
-    from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
-    from maxcon.io.recordings.poses import read_recorded_poses
-    from maxcon.io.recordings.transforms import parse_frames
-    from maxcon.io.trajectories import read_prior
-
     source = entry.prior or entry.scans
     if is_recording(source) and source.suffix.lower() != CAPTURE_SUFFIX:
         frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
@@ -272,14 +259,9 @@ def _poses_of_prior(
 
 
 def _odometry(
-    source: Path | None, options: RecordingOptions, mounting: "Mounting | None", sensor_frame: str
-) -> "tuple[Trajectory | None, str]":
+    source: Path | None, options: RecordingOptions, mounting: Mounting | None, sensor_frame: str
+) -> tuple[Trajectory | None, str]:
     """The odometry of the scanner, if there is any, and what of a recording it is."""
-    from maxcon.io.recordings.opening import is_recording
-    from maxcon.io.recordings.poses import read_recorded_poses
-    from maxcon.io.recordings.transforms import parse_frames
-    from maxcon.io.trajectories import read_trajectory
-
     is_recorded = source is not None and is_recording(source)
     asked = {"--odometry-topic": options.odometry_topic, "--odometry-frames": options.odometry_frames}
     check_needs(asked, {"--odometry and a recording": is_recorded})
@@ -294,3 +276,70 @@ def _odometry(
         )
         trajectory, words = poses.trajectory, f"odometry: {poses.words}"
     return trajectory if mounting is None else mounting.of_odometry(trajectory), words
+
+
+# --- where to search -------------------------------------------------------------------------------------------
+
+
+def _fixed_space(given: SpaceOptions) -> SearchSpace:
+    """The space of the half widths, the usual ones if not given, rounded up to whole steps."""
+
+    def in_steps(reach: float, step: float | None) -> float:
+        # What makes no sense stays as it is, to be refused in words.
+        makes_sense = 0.0 <= reach < math.inf and (step is None or 0.0 < step < math.inf)
+        return rounded_up(reach, step) if makes_sense else reach
+
+    usual = SearchSpace()
+    half_width = usual.half_width if given.half_width is None else given.half_width
+    turn = usual.heading_half_width_deg if given.heading_half_width_deg is None else given.heading_half_width_deg
+    step_deg = PAPER_STEP_DEG if given.heading_step_deg is None and given.cell else given.heading_step_deg
+    return SearchSpace(
+        in_steps(half_width, given.cell),
+        given.cell,
+        in_steps(turn, step_deg),
+        given.heading_step_deg,
+        in_steps(given.height_half_width or 0.0, given.cell),
+    )
+
+
+def _within_sigmas(
+    given: SpaceOptions, method: MaximumConsensus, prior: Trajectory, max_gap: float, *, track: bool
+) -> WithinSigmas | None:
+    """What searches within given standard deviations, or those of the prior; None for half widths.
+
+    A track is searched within half widths, unless standard deviations are given.
+    """
+    if given.sigma_position is not None and given.sigma_heading_deg is not None:
+        variances = np.square([given.sigma_position, given.sigma_position, math.radians(given.sigma_heading_deg)])
+        covariances = np.tile(np.diag(variances), (len(prior), 1, 1))
+        prior = Trajectory(prior.times, prior.positions, prior.quaternions_xyzw, covariances)
+    elif given.half_width is not None or given.heading_half_width_deg is not None:
+        return None
+    elif track or prior.covariances is None:
+        numbers = {"--sigmas": given.sigmas, "--largest-half-width": given.largest_half_width}
+        # Neither is there, or it would not have come to this.
+        check_needs(numbers, {"--sigma-position": None, "a CSV prior with covariances and no --track": None})
+        return None
+    largest = LARGEST_HALF_WIDTH if given.largest_half_width is None else given.largest_half_width
+    return WithinSigmas(method, prior, SIGMAS if given.sigmas is None else given.sigmas, largest, max_gap)
+
+
+def parse_objective(word: str) -> Objective:
+    """Return the objective of a name, or one's own, "package.module:Name": a class or an object.
+
+    Modules are looked for in the working folder, too. OptionError if there is none.
+    """
+    module_name, colon, name = word.partition(":")
+    if not colon:
+        return as_objective(word)
+    sys.path.insert(0, "")
+    try:
+        found = getattr(import_module(module_name), name)
+        return as_objective(found() if isinstance(found, type) else found)
+    except Exception as error:  # the user's own code may fail in any way
+        raise OptionError(
+            f"Expected --objective {word!r} to name an objective in a module that can be imported, got"
+            f" {type(error).__name__}: {error}. Write it as package.module:Name."
+        ) from error
+    finally:
+        sys.path.remove("")

@@ -2,26 +2,40 @@
 # SPDX-License-Identifier: MIT
 """What a localized drive leaves: POSES.csv, begun or gone on with, pictures of its epochs, and a summary."""
 
+from __future__ import annotations
+
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from statistics import median
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
+from maxcon._system.atomic import check_folder, check_writable, make_folder, sweep
+from maxcon._system.engine import Engine
+from maxcon.cli.drive_inputs import DriveOpener, OpenedDrive
+from maxcon.cli.map_words import sigma_words
 from maxcon.cli.options import TableOptions
 from maxcon.cli.terminal import Stop, compiling_told, step_bars
+from maxcon.drive.diagnosis import alternative_that_fits, heights_in_words
+from maxcon.drive.localize import EpochEstimate
+from maxcon.drive.many import ManyDrivesJob, localize_drives, read_drives
+from maxcon.drive.poses_table import GrowingTable, RowsThere, localized_trajectory, rows_there
 from maxcon.errors import FileError, MaxconError, OptionError
-
-if TYPE_CHECKING:
-    from maxcon.cli.drive_inputs import OpenedDrive
-    from maxcon.drive.localize import DriveOptions, EpochEstimate, Method
-    from maxcon.drive.poses_table import RowsThere
-    from maxcon.drive.within_sigmas import WithinSigmas
-    from maxcon.io.scans import Scans
-    from maxcon.localizer import MaximumConsensus
-    from maxcon.map import PointMap
-    from maxcon.scan.trajectory import Trajectory
+from maxcon.export import read_rows
+from maxcon.io.trajectories import read_trajectory, write_tum
+from maxcon.lab.report import check_jinja2
+from maxcon.lab.report.drive_page import LocalizedDrive, write_drive_page
+from maxcon.localizer import MaximumConsensus
+from maxcon.map.manifest import read_manifest
+from maxcon.plotting.epoch import plot_epoch
+from maxcon.plotting.figure import check_matplotlib
+from maxcon.scan.trajectory import Trajectory
 
 N_PICTURES = 10
 """Pictures drawn when none are asked for by number, evenly over the drive."""
@@ -34,10 +48,6 @@ def check_outputs(
     out: Path, table: TableOptions, *, prior: Path | None = None, plot: Path | None = None, report: Path | None = None
 ) -> None:
     """Refuse outputs that cannot be written, or would replace anything unasked."""
-    from maxcon._system.atomic import check_folder, check_writable
-    from maxcon.lab.report import check_jinja2
-    from maxcon.plotting.figure import check_matplotlib
-
     named = [path.resolve() for path in (prior, out, table.tum, report) if path is not None]
     if len(set(named)) < len(named):
         raise OptionError("Expected different files as --prior, --out, --tum and --report, got one twice. Rename one.")
@@ -83,98 +93,190 @@ def parse_epochs(text: str | None, n_epochs: int) -> frozenset[int]:
 # --- while epochs come -----------------------------------------------------------------------------------------
 
 
-def written(
-    out: Path,
-    there: "RowsThere",
-    drive: "Iterator[EpochEstimate]",
-    n_epochs: int,
-    quiet: bool,
-    draw: "Callable[[EpochEstimate], None] | None" = None,
-) -> "list[EpochEstimate]":
-    """Write the row of each epoch once it is localized, and draw it; return all without their points."""
-    from maxcon.drive.poses_table import GrowingTable
-
-    epochs = []
-    with GrowingTable(out, there) as table:
-        try:
-            with step_bars(quiet) as report, compiling_told(quiet):
-                for epoch in drive:
-                    table.add(epoch)
-                    if draw is not None:
-                        draw(epoch)
-                    epochs.append(epoch.without_points())
-                    report("localizing", there.n_rows + len(epochs), n_epochs)
-        except (MaxconError, Stop) as error:
-            kept = f"{table.n_rows} of {n_epochs} epochs are kept in {out}: go on with --resume"
-            if isinstance(error, Stop):
-                error.is_told = True
-                typer.echo(f"maxcon: stopped; {kept if table.n_rows else 'nothing was written'}", err=True)
-            elif table.n_rows:
-                raise type(error)(f"{error} {kept}.") from error
-            raise
-        if table.n_rows == 0:
-            raise FileError(epochs[0].reason)
-    return epochs
-
-
-def drawer(
-    folder: Path, wanted: frozenset[int], point_map: "PointMap", method: "MaximumConsensus | WithinSigmas", name: str
-) -> Callable[["EpochEstimate"], None]:
-    """Return a function that draws an epoch into the folder, if it is wanted; `name` is that of the objective."""
-    from maxcon._system.atomic import make_folder, sweep
-    from maxcon.localizer import MaximumConsensus
-    from maxcon.plotting.epoch import plot_epoch
-    from maxcon.plotting.figure import check_matplotlib
-
+def drawer(drive: OpenedDrive, folder: Path, wanted: frozenset[int]) -> Callable[[EpochEstimate], None]:
+    """Return a function that draws an epoch into the folder, if it is wanted."""
     check_matplotlib()
     sweep(folder)
 
-    def draw(epoch: "EpochEstimate") -> None:
+    def draw(epoch: EpochEstimate) -> None:
         if epoch.epoch not in wanted or epoch.estimate is None or epoch.prior is None:
             return
-        searching = method if isinstance(method, MaximumConsensus) else method.at(epoch.raw.time)
+        searching = drive.searching
+        method = searching if isinstance(searching, MaximumConsensus) else searching.at(epoch.raw.time)
         make_folder(folder)
         plot_epoch(
             folder / f"{epoch.epoch:06d}.png",
-            accumulator=searching.accumulate(epoch.scan, point_map, epoch.prior),
-            objective=searching.cell_search.objective,
+            accumulator=method.accumulate(epoch.scan, drive.point_map, epoch.prior),
+            objective=method.cell_search.objective,
             estimate=epoch.estimate,
             scan=epoch.scan,
-            point_map=point_map,
-            title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {name}, {searching.multiplicity}",
+            point_map=drive.point_map,
+            title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {drive.opener.method.objective}, {method.multiplicity}",
         )
 
     return draw
 
 
-# --- when all are done -----------------------------------------------------------------------------------------
+@dataclass
+class TableOfDrive:
+    """POSES.csv of a drive while it grows, and what is said of it in the end.
+
+    times: of the scans, s.
+    epochs: those of this call, without their points.
+    """
+
+    out: Path
+    options: TableOptions
+    times: NDArray[np.float64]
+    is_track: bool = False
+    epochs: list[EpochEstimate] = field(default_factory=list)
+
+    @cached_property
+    def there(self) -> RowsThere:
+        """The rows that are there to go on with."""
+        return rows_there(self.out, self.times) if self.options.resume else RowsThere()
+
+    def write(
+        self, drive: Iterator[EpochEstimate], quiet: bool, draw: Callable[[EpochEstimate], None] | None = None
+    ) -> None:
+        """Write the row of each epoch once it is localized, and draw it."""
+        n_epochs = len(self.times)
+        with GrowingTable(self.out, self.there) as table:
+            try:
+                with step_bars(quiet) as report, compiling_told(quiet):
+                    for epoch in drive:
+                        table.add(epoch)
+                        if draw is not None:
+                            draw(epoch)
+                        self.epochs.append(epoch.without_points())
+                        report("localizing", self.there.n_rows + len(self.epochs), n_epochs)
+            except (MaxconError, Stop) as error:
+                kept = f"{table.n_rows} of {n_epochs} epochs are kept in {self.out}: go on with --resume"
+                if isinstance(error, Stop):
+                    error.is_told = True
+                    typer.echo(f"maxcon: stopped; {kept if table.n_rows else 'nothing was written'}", err=True)
+                elif table.n_rows:
+                    raise type(error)(f"{error} {kept}.") from error
+                raise
+            if table.n_rows == 0:
+                raise FileError(self.epochs[0].reason)
+
+    def end(self) -> None:
+        """End as `end_of_drive`, of all rows."""
+        end_of_drive(self.epochs, len(self.times), self.there.n_localized, is_track=self.is_track)
+
+    def write_tum(self) -> None:
+        """Write the poses of all epochs, also of those that were there, as TUM if asked; say so where there are none."""
+        tum = self.options.tum
+        if tum is None:
+            return
+        if self.there.n_rows == 0:
+            trajectory = localized_trajectory(self.epochs)
+        else:
+            is_any = self.there.n_localized or any(epoch.pose_global is not None for epoch in self.epochs)
+            trajectory = read_trajectory(self.out) if is_any else None
+        if trajectory is None:
+            typer.echo(f"no pose to write: {tum} is not written")
+        else:
+            write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
+
+    def print_summary(self, searched: str, left_out: tuple[str, ...] = ()) -> None:
+        """Say how many epochs are localized, in which time and searched where, and why the others are not.
+
+        left_out: what is wrong with rows of the prior that are no poses.
+        """
+        there, epochs = self.there, self.epochs
+        if there.n_rows and not epochs:
+            typer.echo(
+                f"all {there.n_rows} epochs were in {self.out} already, {there.n_localized} of them localized."
+                " Nothing was done: prior, map and options of this call had no effect; --overwrite makes the table"
+                " anew with them"
+            )
+            return
+        taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
+        time = f", median {median(taken):.0f} ms" if taken else ""
+        others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
+        typer.echo(f"{len(epochs) - others.total()} of {len(epochs)} epochs localized{time}; written to {self.out}")
+        if there.n_rows:
+            typer.echo(
+                f"behind {there.n_rows} that were there, {there.n_localized} of them localized, with the prior, map and"
+                " options of their own call"
+            )
+        first = next((number for number, epoch in enumerate(epochs) if epoch.pose_global is not None), 0)
+        if self.is_track and first:
+            typer.echo(f"the track begins with epoch {epochs[first].epoch}: before, it was not known where")
+        if left_out:
+            typer.echo(f"{len(left_out)} rows of the prior are left out; the first: {left_out[0]}")
+        if searched:
+            typer.echo(searched)
+        n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
+        n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
+        n_repeated = sum(epoch.raw.n_dropped_duplicates for epoch in epochs)
+        if n_invalid or n_out_of_range or n_repeated:
+            repeated = f", {n_repeated:,} that come twice" if n_repeated else ""
+            typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range{repeated}")
+        n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
+        if n_widened:
+            typer.echo(f"{n_widened} {'was' if n_widened == 1 else 'were'} in doubt and searched for farther around")
+        for status, number in sorted(others.items()):
+            typer.echo(f"{number} {status.value}: {status.explanation}")
+        doubtful = [epoch for epoch in epochs if epoch.reason]
+        if doubtful:
+            number, reason = doubtful[0].epoch, doubtful[0].reason
+            typer.echo(f"{len(doubtful)} have a reason beside them; the first, epoch {number}: {reason}")
 
 
-def write_trajectory(tum: Path, out: Path, there: "RowsThere", epochs: "list[EpochEstimate]") -> None:
-    """Write the poses of all epochs, also of those that were there, as TUM; say so where there are none."""
-    from maxcon.drive.poses_table import localized_trajectory
-    from maxcon.io.trajectories import read_trajectory, write_tum
+def end_of_drive(
+    epochs: list[EpochEstimate], n_epochs: int, n_localized_before: int = 0, *, is_track: bool = False
+) -> None:
+    """Exit with 1 unless every epoch is localized; of a track every one from the first that is.
 
-    if there.n_rows == 0:
-        trajectory = localized_trajectory(epochs)
+    A track that begins where several places look alike has no answer until it has seen enough of the way to tell them
+    apart: that is how it works, and no fault of the drive.
+    """
+    are_localized = [epoch.pose_global is not None for epoch in epochs]
+    if is_track and any(are_localized):
+        is_whole = all(are_localized[are_localized.index(True) :])
     else:
-        is_any = there.n_localized or any(epoch.pose_global is not None for epoch in epochs)
-        trajectory = read_trajectory(out) if is_any else None
-    if trajectory is None:
-        typer.echo(f"no pose to write: {tum} is not written")
-    else:
-        write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
+        is_whole = n_localized_before + sum(are_localized) == n_epochs
+    if not is_whole:
+        raise typer.Exit(1)
+
+
+def searched_words(drive: OpenedDrive, epochs: list[EpochEstimate]) -> str:
+    """Return which spaces of standard deviations were searched, in a line, or that those of the prior were not."""
+    given, windows = drive.opener.space, drive.windows
+    if windows is None:
+        options = (
+            ("--half-width", given.half_width), ("--heading-half-width-deg", given.heading_half_width_deg),
+            ("--sigma-position", given.sigma_position),
+        )  # fmt: skip
+        instead = next((name for name, value in options if value is not None), "--track")
+        return "" if drive.prior.trajectory.covariances is None else f"the prior's covariances are not used: {instead}"
+    times = [epoch.raw.time for epoch in epochs if epoch.estimate is not None]
+    covariances = [windows.prior.covariance_at(time, windows.max_gap) for time in times]
+    known = [covariance for covariance in covariances if covariance is not None]
+    source = "the prior's covariances" if given.sigma_position is None else "--sigma-position"
+    if not known:
+        return f"windows from {source}: none"
+    found = [windows.space(covariance) for covariance in known]
+    offsets = _range([space.half_width for space in found], "m")
+    turns = _range([space.heading_half_width_deg for space in found], "degrees")
+    n_cut = sum(windows.reach(covariance) > windows.largest_half_width for covariance in known)
+    cut = f"; {n_cut} of them cut at {windows.largest_half_width:g} m" if n_cut else ""
+    others = f"; {len(times) - len(known)} epochs without" if len(known) < len(times) else ""
+    return f"windows from {source}: half width {offsets}, {turns}{cut}{others}"
+
+
+def _range(values: list[float], unit: str) -> str:
+    low, high = f"{min(values):.1f}", f"{max(values):.1f}"
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
 def report_drive(
-    page: Path, out: Path, drive: "OpenedDrive", reference: "Trajectory | None", assumed: dict[str, str]
+    page: Path, out: Path, drive: OpenedDrive, reference: Trajectory | None, assumed: dict[str, str]
 ) -> None:
     """Write the page of a drive, of all rows of its table."""
-    from maxcon.cli.map_words import sigma_words
-    from maxcon.export import read_rows
-    from maxcon.lab.report.drive_page import LocalizedDrive, write_drive_page
-    from maxcon.map.manifest import read_manifest
-
     prior, entry = drive.prior.trajectory, drive.entry
     facts = {
         "Map": f"{entry.map}, voxels of {drive.point_map.cell:g} m", "Scans": f"{entry.scans}",
@@ -186,77 +288,47 @@ def report_drive(
     typer.echo(f"a page of it: {page}")
 
 
-def is_whole(epochs: "list[EpochEstimate]", there: "RowsThere", n_epochs: int, *, track: bool = False) -> bool:
-    """Whether every epoch is localized; of a track every one from the first that is.
-
-    A track that begins where several places look alike has no answer until it has seen enough of the way to tell them
-    apart: that is how it works, and no fault of the drive.
-    """
-    are_localized = [epoch.pose_global is not None for epoch in epochs]
-    if track and any(are_localized):
-        return all(are_localized[are_localized.index(True) :])
-    return there.n_localized + sum(are_localized) == n_epochs
-
-
-def print_summary(
-    epochs: "list[EpochEstimate]",
-    out: Path,
-    searched: str,
-    *,
-    there: "RowsThere",
-    left_out: "tuple[str, ...]" = (),
-    track: bool = False,
-) -> None:
-    """Say how many epochs are localized, in which time and searched where, and why the others are not."""
-    from statistics import median
-
-    if there.n_rows and not epochs:
-        typer.echo(
-            f"all {there.n_rows} epochs were in {out} already, {there.n_localized} of them localized. Nothing was done:"
-            " prior, map and options of this call had no effect; --overwrite makes the table anew with them"
-        )
-        return
-    taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
-    time = f", median {median(taken):.0f} ms" if taken else ""
-    others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
-    typer.echo(f"{len(epochs) - others.total()} of {len(epochs)} epochs localized{time}; written to {out}")
-    if there.n_rows:
-        typer.echo(
-            f"behind {there.n_rows} that were there, {there.n_localized} of them localized, with the prior, map and"
-            " options of their own call"
-        )
-    first = next((number for number, epoch in enumerate(epochs) if epoch.pose_global is not None), 0)
-    if track and first:
-        typer.echo(f"the track begins with epoch {epochs[first].epoch}: before, it was not known where")
-    if left_out:
-        typer.echo(f"{len(left_out)} rows of the prior are left out; the first: {left_out[0]}")
-    if searched:
-        typer.echo(searched)
-    n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
-    n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
-    n_repeated = sum(epoch.raw.n_dropped_duplicates for epoch in epochs)
-    if n_invalid or n_out_of_range or n_repeated:
-        repeated = f", {n_repeated:,} that come twice" if n_repeated else ""
-        typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range{repeated}")
-    n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
-    if n_widened:
-        typer.echo(f"{n_widened} {'was' if n_widened == 1 else 'were'} in doubt and searched for farther around")
-    for status, number in sorted(others.items()):
-        typer.echo(f"{number} {status.value}: {status.explanation}")
-    doubtful = [epoch for epoch in epochs if epoch.reason]
-    if doubtful:
-        number, reason = doubtful[0].epoch, doubtful[0].reason
-        typer.echo(f"{len(doubtful)} have a reason beside them; the first, epoch {number}: {reason}")
-
-
-def print_alternative(
-    point_map: "PointMap", scans: "Scans", epochs: "list[EpochEstimate]", method: "Method", options: "DriveOptions"
-) -> None:
+def print_alternative(drive: OpenedDrive, epochs: list[EpochEstimate]) -> None:
     """Say what prior or scans would have to mean for epochs to fit better."""
-    from maxcon.drive.diagnosis import alternative_that_fits, heights_in_words
-
     is_any_localized = any(epoch.pose_global is not None for epoch in epochs)
     priors = [epoch.prior for epoch in epochs if epoch.prior is not None and not is_any_localized]
-    words = heights_in_words(point_map, priors) or alternative_that_fits(point_map, scans, epochs, method, options)
+    words = heights_in_words(drive.point_map, priors) or alternative_that_fits(
+        drive.point_map, drive.scans, epochs, drive.searching, drive.opener.drive
+    )
     if words:
         typer.echo(words)
+
+
+def printed(drive: Iterator[EpochEstimate]) -> Iterator[EpochEstimate]:
+    """Print a line for each epoch once it is done."""
+    for epoch in drive:
+        pose = epoch.pose_global
+        words = epoch.reason
+        if pose is not None:
+            words = f"x {pose.x:.3f} y {pose.y:.3f} z {pose.z:.3f} m, heading {math.degrees(pose.heading):.2f} degrees"
+        typer.echo(f"{epoch.raw.name}: {epoch.status.value}{'; ' if words else ''}{words}")
+        yield epoch.without_points()
+
+
+# --- many drives -----------------------------------------------------------------------------------------------
+
+
+def localize_many(
+    drives: Path, map_folder: Path | None, out: Path, opener: DriveOpener, engine: Engine, quiet: bool
+) -> None:
+    """Localize a table of drives into a dataset; MaxconError if a drive cannot be localized, when the others are."""
+    entries = read_drives(drives, map_folder)
+    with step_bars(quiet) as report:
+        done = localize_drives(entries, ManyDrivesJob(opener), out, engine, report)
+    before = f", {done.n_epochs - done.n_new} of them were there" if done.n_epochs > done.n_new else ""
+    typer.echo(
+        f"{done.n_localized:,} of {done.n_epochs:,} epochs of {done.n_drives:,} drives localized{before}; in {out}"
+    )
+    if done.refused:
+        name, reason = next(iter(done.refused.items()))
+        raise MaxconError(
+            f"Expected drives that can be localized, but {len(done.refused)} of {len(entries)} cannot; the first,"
+            f" {name}: {reason}"
+        )
+    if done.n_localized < done.n_epochs:
+        raise typer.Exit(1)

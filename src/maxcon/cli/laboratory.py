@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
-from maxcon.cli.map_words import print_rows
 from maxcon.cli.options import Quiet, RangeOptions, WorkerOptions
-from maxcon.cli.terminal import compiling_told, step_bars, warn
+from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
 
 if TYPE_CHECKING:
     from maxcon.lab.dataset import Dataset

@@ -3,25 +3,12 @@
 """`maxcon localize` and `maxcon relocalize`."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from maxcon.cli.drive_inputs import DriveOpener, by_workers
-from maxcon.cli.drive_output import (
-    check_outputs,
-    drawer,
-    is_whole,
-    parse_epochs,
-    print_alternative,
-    print_summary,
-    report_drive,
-    write_trajectory,
-    written,
-)
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
 from maxcon.cli.options import (
     AtStamp,
@@ -37,16 +24,9 @@ from maxcon.cli.options import (
     Times,
     Topic,
     WorkerOptions,
-    parse_objective,
 )
-from maxcon.cli.terminal import step_bars, warn
-from maxcon.errors import MaxconError, OptionError
-
-if TYPE_CHECKING:
-    from maxcon._system.engine import Engine
-    from maxcon.drive.localize import EpochEstimate
-    from maxcon.map import PointMap
-
+from maxcon.cli.terminal import warn
+from maxcon.errors import OptionError
 
 # --- localize --------------------------------------------------------------------------------------------------
 
@@ -94,7 +74,6 @@ class PictureOptions(OptionGroup, title="Output"):
     plot_epochs: str | None = flag(
         None, "Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.", metavar="LIST"
     )
-
     report: Path | None = flag(
         None, "Write a page of the drive: map, statuses, protection levels, worst epochs.", metavar="PAGE.html"
     )
@@ -137,9 +116,10 @@ def localize(
     column says why); 2: bad input.
     """
     from maxcon._system.engine import Engine
+    from maxcon.cli import drive_output
+    from maxcon.cli.drive_inputs import DriveOpener, by_workers, parse_objective
     from maxcon.drive.localize import DriveOptions
     from maxcon.drive.many import DriveEntry
-    from maxcon.drive.poses_table import RowsThere, rows_there
     from maxcon.io.trajectories import read_trajectory
 
     if worker.scheduler is not None:  # its workers are in other folders
@@ -160,7 +140,7 @@ def localize(
             "--resume": table.resume, "--overwrite": table.overwrite,
         }  # fmt: skip
         check_exclusive({"--drives, where a table names files and a call goes on,": True}, of_one)
-        _localize_many(files.drives, files.map_folder, files.out, opener, engine, quiet)
+        drive_output.localize_many(files.drives, files.map_folder, files.out, opener, engine, quiet)
         return
     if files.map_folder is None or files.scans is None:
         missing = "MAP" if files.map_folder is None else "SCANS"
@@ -170,59 +150,34 @@ def localize(
     check_exclusive({"--track": motion.track}, {"--resume": table.resume, "--workers or --scheduler": has_workers})
     check_needs({"--drift": motion.drift}, {"--odometry": motion.odometry})
     out, plot = files.out, pictures.plot
-    check_outputs(out, table, prior=files.prior, plot=plot, report=pictures.report)
+    drive_output.check_outputs(out, table, prior=files.prior, plot=plot, report=pictures.report)
     reference = None if pictures.reference is None else read_trajectory(pictures.reference)
     entry = DriveEntry("", files.scans, files.map_folder, files.prior, time.times, motion.odometry)
     drive = opener.open(entry, opener.open_map(files.map_folder), quiet=quiet)
-    searching, n_epochs = drive.windows or drive.method, len(drive.scans)
-    there = rows_there(out, drive.scans.times) if table.resume else RowsThere()
-    wanted = frozenset() if plot is None else parse_epochs(pictures.plot_epochs, n_epochs)
-    draw = None if plot is None else drawer(plot, wanted, drive.point_map, searching, method.objective)
+    localized = drive_output.TableOfDrive(out, table, drive.scans.times, is_track=motion.track)
+    there = localized.there
+    wanted = frozenset() if plot is None else drive_output.parse_epochs(pictures.plot_epochs, len(drive.scans))
+    draw = None if plot is None else drive_output.drawer(drive, plot, wanted)
     started = by_workers(drive, engine, there.n_rows, wanted) if has_workers else drive.estimates(there.n_rows)
-    epochs = written(out, there, started, n_epochs, quiet, draw)
+    localized.write(started, quiet, draw)
     for line in drive.words:
         typer.echo(line)
-    searched = space.words(drive.windows, drive.prior.trajectory, epochs)
-    print_summary(epochs, out, searched, there=there, left_out=drive.prior.left_out, track=motion.track)
+    searched = drive_output.searched_words(drive, localized.epochs)
+    localized.print_summary(searched, drive.prior.left_out)
     if not there.n_localized:
-        print_alternative(drive.point_map, drive.scans, epochs, searching, options)
-    if table.tum is not None:
-        write_trajectory(table.tum, out, there, epochs)
+        drive_output.print_alternative(drive, localized.epochs)
+    localized.write_tum()
     if pictures.report is not None:
         reach = f"{drive.method.space.half_width:g} m and {drive.method.space.heading_half_width_deg:g} degrees around"
         assumed = {"Searched": searched or reach, "Risk of a protection level": f"{certainty.risk:g} per scan"}
-        report_drive(pictures.report, out, drive, reference, assumed)
-    if not is_whole(epochs, there, n_epochs, track=motion.track):
-        raise typer.Exit(1)
+        drive_output.report_drive(pictures.report, out, drive, reference, assumed)
+    localized.end()
 
 
 def _absolute(path: Path | None) -> Path | None:
     from maxcon.map.storage import address_of
 
     return path if path is None or address_of(path) else path.absolute()
-
-
-def _localize_many(
-    drives: Path, map_folder: Path | None, out: Path, opener: DriveOpener, engine: "Engine", quiet: bool
-) -> None:
-    """Localize a table of drives into a dataset; MaxconError if a drive cannot be localized, when the others are."""
-    from maxcon.drive.many import ManyDrivesJob, localize_drives, read_drives
-
-    entries = read_drives(drives, map_folder)
-    with step_bars(quiet) as report:
-        done = localize_drives(entries, ManyDrivesJob(opener), out, engine, report)
-    before = f", {done.n_epochs - done.n_new} of them were there" if done.n_epochs > done.n_new else ""
-    typer.echo(
-        f"{done.n_localized:,} of {done.n_epochs:,} epochs of {done.n_drives:,} drives localized{before}; in {out}"
-    )
-    if done.refused:
-        name, reason = next(iter(done.refused.items()))
-        raise MaxconError(
-            f"Expected drives that can be localized, but {len(done.refused)} of {len(entries)} cannot; the first,"
-            f" {name}: {reason}"
-        )
-    if done.n_localized < done.n_epochs:
-        raise typer.Exit(1)
 
 
 # --- relocalize ------------------------------------------------------------------------------------------------
@@ -254,8 +209,9 @@ class CircleOptions(OptionGroup, title="Search space"):
     def __post_init__(self) -> None:
         check_needs({"--radius": self.radius}, {"--around X,Y": self.around})
 
-    def local_middle(self, point_map: "PointMap") -> tuple[float, float] | None:
-        """Return the middle of the circle, local frame, m; None for the whole map."""
+    @property
+    def middle(self) -> tuple[float, float] | None:
+        """The middle of the circle in the CRS of the map, m; None for the whole map."""
         if self.around is None:
             return None
         try:
@@ -267,8 +223,7 @@ class CircleOptions(OptionGroup, title="Search space"):
                 f"Expected --around X,Y, two coordinates in m in the CRS of the map, got {self.around!r}. Write them as"
                 " --around 549980,5801820."
             )
-        east, north, _ = point_map.frame.to_local([[x, y, 0.0]])[0].tolist()
-        return east, north
+        return x, y
 
 
 class PlaceCertainty(OptionGroup, title="Certainty"):
@@ -300,8 +255,8 @@ def relocalize(
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
+    from maxcon.cli import drive_output
     from maxcon.drive.localize import DriveOptions, relocalize_drive
-    from maxcon.drive.poses_table import RowsThere, rows_there
     from maxcon.integrity import Trust
     from maxcon.io.scans import open_scans
     from maxcon.map import PointMap
@@ -311,35 +266,21 @@ def relocalize(
     of_table = {"--resume": table.resume, "--overwrite": table.overwrite, "--tum": table.tum}
     check_needs(of_table, {"--out POSES.csv": out})
     if out is not None:
-        check_outputs(out, table)
+        drive_output.check_outputs(out, table)
     trust = Trust(certainty.least_share, certainty.largest_runner_up)
     options = DriveOptions(ranges.min_range, ranges.max_range)
     point_map = PointMap.open(files.map_folder)
     radius = 300.0 if circle.radius is None else circle.radius
-    middle = circle.local_middle(point_map)
+    middle = None if circle.middle is None else tuple(point_map.frame.to_local([[*circle.middle, 0.0]])[0, :2].tolist())
     relocalizer = Relocalizer(point_map, middle, radius, n_threads=threads, trust=trust, risk=certainty.risk)
     opened = open_scans(files.scans, files.times, topic=files.topic, at_stamp=files.at_stamp)
-    there = rows_there(out, opened.times) if out is not None and table.resume else RowsThere()
-    drive = relocalize_drive(opened, relocalizer, options, first=there.n_rows)
     if out is None:
-        epochs = list(_printed(drive))
-    else:
-        epochs = written(out, there, drive, len(opened), quiet)
-        where = "the whole map" if circle.around is None else f"{radius:g} m around {circle.around}"
-        searched = f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells"
-        print_summary(epochs, out, searched, there=there)
-        if table.tum is not None:
-            write_trajectory(table.tum, out, there, epochs)
-    if not is_whole(epochs, there, len(opened)):
-        raise typer.Exit(1)
-
-
-def _printed(drive: "Iterator[EpochEstimate]") -> "Iterator[EpochEstimate]":
-    """Print a line for each epoch once it is done."""
-    for epoch in drive:
-        pose = epoch.pose_global
-        words = epoch.reason
-        if pose is not None:
-            words = f"x {pose.x:.3f} y {pose.y:.3f} z {pose.z:.3f} m, heading {math.degrees(pose.heading):.2f} degrees"
-        typer.echo(f"{epoch.raw.name}: {epoch.status.value}{'; ' if words else ''}{words}")
-        yield epoch.without_points()
+        epochs = list(drive_output.printed(relocalize_drive(opened, relocalizer, options)))
+        drive_output.end_of_drive(epochs, len(opened))
+        return
+    localized = drive_output.TableOfDrive(out, table, opened.times)
+    localized.write(relocalize_drive(opened, relocalizer, options, first=localized.there.n_rows), quiet)
+    where = "the whole map" if circle.around is None else f"{radius:g} m around {circle.around}"
+    localized.print_summary(f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells")
+    localized.write_tum()
+    localized.end()

@@ -3,34 +3,29 @@
 """What the map commands print of a map and of an alignment."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import typer
 
-if TYPE_CHECKING:
-    from maxcon.map.manifest import Manifest
-    from maxcon.mapping.align import Alignment
+from maxcon.cli.terminal import print_rows
+from maxcon.io.crs import crs_name
+from maxcon.map import TILE_VOXELS
+from maxcon.map.ground import ground_voxels
+from maxcon.map.manifest import FORMAT_VERSION, Manifest
+from maxcon.mapping.align import Alignment
+from maxcon.mapping.build.options import class_name, found_ratios
+from maxcon.mapping.build.spacing import MARGIN
 
 MOST_PAIRS = 15
 """In the printed table; residuals.csv has all."""
 
 
-def print_rows(rows: Iterable[tuple[str, str]]) -> None:
-    """Print names and words, a row each."""
-    for name, text in rows:
-        typer.echo(f"{name:<12} {text}")
-
-
 # --- a map -----------------------------------------------------------------------------------------------------
 
 
-def print_manifest(manifest: "Manifest") -> None:
+def print_manifest(manifest: Manifest) -> None:
     """Say what a map is made of."""
-    from maxcon.io.crs import crs_name
-    from maxcon.map import TILE_VOXELS
-    from maxcon.map.manifest import FORMAT_VERSION
-
     edge, keys, build = TILE_VOXELS * manifest.cell, manifest.tiles.rows["key"], manifest.build
     x_low, y_low = keys.min(axis=0) * edge + manifest.origin[:2]
     x_high, y_high = (keys.max(axis=0) + 1) * edge + manifest.origin[:2]
@@ -74,9 +69,7 @@ def rows_of_updates(updates: Sequence[Mapping[str, Any]]) -> list[tuple[str, str
     return rows
 
 
-def _ground(manifest: "Manifest") -> str:
-    from maxcon.map.ground import ground_voxels
-
+def _ground(manifest: Manifest) -> str:
     if not len(manifest.ground):
         return "not known: heights and tilts of priors are taken as they are"
     origin = manifest.build.get("ground", "unknown")
@@ -86,8 +79,6 @@ def _ground(manifest: "Manifest") -> str:
 
 def _spacing(spacing: Mapping[str, Any], cell: float) -> str:
     """How far apart the points lie, and whether the voxels suit that."""
-    from maxcon.mapping.build.spacing import MARGIN
-
     median, at_90, suits = spacing["median"], spacing["at_90"], spacing["suits_cell"]
     if at_90 >= MARGIN:
         return (
@@ -102,14 +93,12 @@ def _spacing(spacing: Mapping[str, Any], cell: float) -> str:
 
 def _found(found: Mapping[str, Any]) -> str:
     """Ratios of the points in each class that the build found."""
-    from maxcon.mapping.build.options import found_ratios
-
     ratios = found_ratios(found["n_points"], found["dropped"])
     text = ", ".join(f"{name} {100.0 * ratio:.0f} %" for name, ratio in ratios)
     return text + (f"; temporary objects cannot be found: {found['temporary']}" if found["temporary"] else "")
 
 
-def sigma_words(manifest: "Manifest") -> str:
+def sigma_words(manifest: Manifest) -> str:
     """How well the map is known, and from what."""
     known = manifest.build.get("sigma", {"from": "it does not say from what"})
     if known["from"] == "passes":
@@ -126,7 +115,6 @@ def sigma_words(manifest: "Manifest") -> str:
 
 def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
     """What was taken of a cloud and what not."""
-    from maxcon.mapping.build.options import class_name
 
     def counted(name: str, words: str) -> str:
         return f"{source[name]:,} {words}" if source.get(name) else ""
@@ -151,7 +139,7 @@ def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
 # --- an alignment ----------------------------------------------------------------------------------------------
 
 
-def print_alignment(found: "Alignment") -> None:
+def print_alignment(found: Alignment) -> None:
     """Say how far passes lay apart and lie apart, and what that means for a map."""
     drift = found.adjusted.drift_sigma
     matches = (
@@ -181,7 +169,7 @@ def print_alignment(found: "Alignment") -> None:
     ])  # fmt: skip
 
 
-def _print_pairs(found: "Alignment") -> None:
+def _print_pairs(found: Alignment) -> None:
     """Distances between passes, pair by pair."""
     typer.echo(f"{'passes':<12} {'pairs':>5}  {'horizontal, median / 95 % m':>35}  {'height, median m':>18}")
     for pair in found.pairs[:MOST_PAIRS]:

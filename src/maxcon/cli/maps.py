@@ -9,7 +9,7 @@ import typer
 
 from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclusive, flag, flags
 from maxcon.cli.options import Quiet, RangeOptions, Scheduler
-from maxcon.cli.terminal import compiling_told, step_bars, warn
+from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def update(
 
     Only epochs with the status localized count. Searches in MAP2 leave out what is gone. MAP is not touched.
     """
-    from maxcon.cli.map_words import print_rows, rows_of_updates
+    from maxcon.cli.map_words import rows_of_updates
     from maxcon.lab.dataset import open_drives
     from maxcon.mapping.update import UpdateOptions, update_map
 

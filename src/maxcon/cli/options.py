@@ -2,22 +2,13 @@
 # SPDX-License-Identifier: MIT
 """Options that several commands have, and the option groups of those that localize."""
 
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from maxcon.cli.flags import OptionGroup, check_exclusive, check_needs, flag
 from maxcon.errors import OptionError
-
-if TYPE_CHECKING:
-    from maxcon.drive.localize import EpochEstimate
-    from maxcon.drive.within_sigmas import WithinSigmas
-    from maxcon.localizer import MaximumConsensus
-    from maxcon.scan.trajectory import Trajectory
-    from maxcon.search.objectives import Objective
-    from maxcon.search.space import SearchSpace
 
 SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
@@ -190,64 +181,6 @@ class SpaceOptions(OptionGroup, title="Search space"):
             if value is not None and not 0.0 <= value < 1e9:
                 raise OptionError(f"Expected {name} to be a finite number >= 0, got {value}. Left out --sigmas is 3.")
 
-    def fixed(self) -> "SearchSpace":
-        """Return the space of the half widths, the usual ones if not given, rounded up to whole steps."""
-        from maxcon.search.space import PAPER_STEP_DEG, SearchSpace
-
-        usual = SearchSpace()
-        step_deg = PAPER_STEP_DEG if self.heading_step_deg is None and self.cell else self.heading_step_deg
-        return SearchSpace(
-            _in_steps(self.half_width, usual.half_width, self.cell),
-            self.cell,
-            _in_steps(self.heading_half_width_deg, usual.heading_half_width_deg, step_deg),
-            self.heading_step_deg,
-            _in_steps(self.height_half_width, 0.0, self.cell),
-        )
-
-    def within_sigmas(
-        self, method: "MaximumConsensus", prior: "Trajectory", max_gap: float, *, track: bool
-    ) -> "WithinSigmas | None":
-        """Return what searches within given standard deviations, or those of the prior; None for half widths.
-
-        A track is searched within half widths, unless standard deviations are given.
-        """
-        from maxcon.drive.within_sigmas import WithinSigmas
-
-        if self.sigma_position is not None and self.sigma_heading_deg is not None:
-            prior = _with_sigmas(prior, self.sigma_position, self.sigma_heading_deg)
-        elif self.half_width is not None or self.heading_half_width_deg is not None:
-            return None
-        elif track or prior.covariances is None:
-            numbers = {"--sigmas": self.sigmas, "--largest-half-width": self.largest_half_width}
-            # Neither is there, or it would not have come to this.
-            check_needs(numbers, {"--sigma-position": None, "a CSV prior with covariances and no --track": None})
-            return None
-        largest = LARGEST_HALF_WIDTH if self.largest_half_width is None else self.largest_half_width
-        return WithinSigmas(method, prior, SIGMAS if self.sigmas is None else self.sigmas, largest, max_gap)
-
-    def words(self, windows: "WithinSigmas | None", prior: "Trajectory", epochs: "list[EpochEstimate]") -> str:
-        """Return which spaces of standard deviations were searched, in a line, or that those of the prior were not."""
-        if windows is None:
-            given = (
-                ("--half-width", self.half_width), ("--heading-half-width-deg", self.heading_half_width_deg),
-                ("--sigma-position", self.sigma_position),
-            )  # fmt: skip
-            instead = next((name for name, value in given if value is not None), "--track")
-            return "" if prior.covariances is None else f"the prior's covariances are not used: {instead}"
-        times = [epoch.raw.time for epoch in epochs if epoch.estimate is not None]
-        covariances = [windows.prior.covariance_at(time, windows.max_gap) for time in times]
-        known = [covariance for covariance in covariances if covariance is not None]
-        source = "the prior's covariances" if self.sigma_position is None else "--sigma-position"
-        if not known:
-            return f"windows from {source}: none"
-        found = [windows.space(covariance) for covariance in known]
-        offsets = _range([space.half_width for space in found], "m")
-        turns = _range([space.heading_half_width_deg for space in found], "degrees")
-        n_cut = sum(windows.reach(covariance) > windows.largest_half_width for covariance in known)
-        cut = f"; {n_cut} of them cut at {windows.largest_half_width:g} m" if n_cut else ""
-        others = f"; {len(times) - len(known)} epochs without" if len(known) < len(times) else ""
-        return f"windows from {source}: half width {offsets}, {turns}{cut}{others}"
-
 
 class Certainty(OptionGroup, title="Certainty"):
     """From where on an answer is not trusted."""
@@ -279,54 +212,3 @@ class WorkerOptions(OptionGroup, title="How it is done"):
         None, "Processes, about 1 GiB each; 1: all in this one. Default: as many as processors.", metavar="N", min=1
     )
     scheduler: Scheduler = None
-
-
-def parse_objective(word: str) -> "Objective":
-    """Return the objective of a name, or one's own, "package.module:Name": a class or an object.
-
-    Modules are looked for in the working folder, too. OptionError if there is none.
-    """
-    import sys
-    from importlib import import_module
-
-    from maxcon.search.objectives import as_objective
-
-    module_name, colon, name = word.partition(":")
-    if not colon:
-        return as_objective(word)
-    sys.path.insert(0, "")
-    try:
-        found = getattr(import_module(module_name), name)
-        return as_objective(found() if isinstance(found, type) else found)
-    except Exception as error:  # the user's own code may fail in any way
-        raise OptionError(
-            f"Expected --objective {word!r} to name an objective in a module that can be imported, got"
-            f" {type(error).__name__}: {error}. Write it as package.module:Name."
-        ) from error
-    finally:
-        sys.path.remove("")
-
-
-def _in_steps(given: float | None, usual: float, step: float | None) -> float:
-    """A half width, rounded up to whole steps; what makes no sense stays as it is, to be refused in words."""
-    from maxcon.search.space import rounded_up
-
-    reach = usual if given is None else given
-    makes_sense = 0.0 <= reach < math.inf and (step is None or 0.0 < step < math.inf)
-    return rounded_up(reach, step) if makes_sense else reach
-
-
-def _with_sigmas(prior: "Trajectory", position: float, heading_deg: float) -> "Trajectory":
-    """The same poses, each known to so many m in x and y, and so many degrees."""
-    import numpy as np
-
-    from maxcon.scan.trajectory import Trajectory
-
-    degree = math.radians(1.0)
-    covariance = np.diag([position**2, position**2, heading_deg * degree * heading_deg * degree])
-    return Trajectory(prior.times, prior.positions, prior.quaternions_xyzw, np.tile(covariance, (len(prior), 1, 1)))
-
-
-def _range(values: list[float], unit: str) -> str:
-    low, high = f"{min(values):.1f}", f"{max(values):.1f}"
-    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"

@@ -5,7 +5,7 @@
 import signal
 import sys
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,12 @@ LOOK_EVERY = 0.1
 def warn(line: str) -> None:
     """Say on stderr what a command is at, or is waiting for."""
     print(line, file=sys.stderr, flush=True)  # noqa: T201
+
+
+def print_rows(rows: Iterable[tuple[str, str]]) -> None:
+    """Print names and words, a row each."""
+    for name, text in rows:
+        typer.echo(f"{name:<12} {text}")
 
 
 @contextmanager
