@@ -175,9 +175,6 @@ def stamp_of(content: Any, recorded: int) -> int:
     return stamp if stamp > 0 else recorded
 
 
-CHUNK_BYTES = 2**20
-
-
 class RecordingKind(StrEnum):
     """Kinds of recordings that can be written."""
 
@@ -202,16 +199,14 @@ def header_of(time: float, frame: str) -> dict[str, Any]:
 
 def check_writers() -> None:
     """Refuse to write recordings where the packages for it are missing (MissingExtraError)."""
-    with needs_extra("rosbags or mcap", "to write a recording", "recordings"):
-        import mcap.writer  # noqa: F401
+    with needs_extra("rosbags", "to write a recording", "recordings"):
         import rosbags.typesys  # noqa: F401
 
 
 def write_recording(path: Path, kind: RecordingKind, entries: Iterable[Entry]) -> None:
     """Write messages as a recording, which appears at its path once it is complete; an old file there is replaced."""
     check_writers()
-    from mcap.writer import CompressionType, Writer
-    from rosbags import rosbag1
+    from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
     with atomic_file(path) as partial:
@@ -220,18 +215,12 @@ def write_recording(path: Path, kind: RecordingKind, entries: Iterable[Entry]) -
             with rosbag1.Writer(partial) as bag:
                 write_bag(bag, store, store.serialize_ros1, entries)
             return
-        store, channels = get_typestore(Stores.ROS2_HUMBLE), {}
-        with partial.open("wb") as stream:
-            mcap: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-            mcap.start(profile="ros2", library="maxcon")
-            for entry, nanoseconds, content in _messages(store, entries):
-                if entry.topic not in channels:
-                    text, _ = store.generate_msgdef(entry.type, ros_version=2)
-                    schema = mcap.register_schema(entry.type, "ros2msg", text.encode())
-                    channels[entry.topic] = mcap.register_channel(entry.topic, "cdr", schema)
-                data = bytes(store.serialize_cdr(content, entry.type))
-                mcap.add_message(channels[entry.topic], nanoseconds, data, nanoseconds)
-            mcap.finish()
+        store, folder = get_typestore(Stores.ROS2_HUMBLE), partial.with_name("ros2")
+        of_ros2 = rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
+        of_ros2.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+        with of_ros2:
+            write_bag(of_ros2, store, store.serialize_cdr, entries)
+        (folder / "ros2.mcap").replace(partial)
 
 
 def write_bag(bag: Any, store: Any, serialize: Callable[[Any, str], Any], entries: Iterable[Entry]) -> None:
