@@ -29,6 +29,7 @@ class CloudPoints(NamedTuple):
     rings: shape (n,), or None; layer of the scanner, where the cloud says.
     n_points, n_invalid, n_duplicates: points in the record; those at (0, 0, 0) or with coordinates that are not finite;
         of the others those with the same coordinates as one before them.
+    fields: names and types of all fields of a point, where the cloud tells them.
     """
 
     points: NDArray[np.float64]
@@ -37,6 +38,7 @@ class CloudPoints(NamedTuple):
     n_points: int
     n_invalid: int
     n_duplicates: int
+    fields: str = ""
 
 
 def record_type(names: Sequence[str], kinds: Sequence[Any], offsets: Sequence[int] | None = None) -> np.dtype[np.void]:
@@ -117,6 +119,7 @@ def decode_points(records: NDArray[np.void], stamp: int) -> CloudPoints:
         n_points=records.size,
         n_invalid=records.size - n_returns,
         n_duplicates=n_returns - len(rows),
+        fields=words_of(records.dtype),
     )
 
 

@@ -6,11 +6,9 @@ import csv
 import io
 import math
 import re
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import NoReturn, TextIO
 
@@ -81,19 +79,6 @@ def parse_float(text: str) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) else None
-
-
-def read_table(text: TextIO, n_rows: int, n_columns: int) -> NDArray[np.float64]:
-    """Return the next rows of numbers between blanks, shape (n_rows, n_columns); ValueError if they are none."""
-    lines = list(islice(text_lines(text), n_rows))
-    if len(lines) < n_rows:
-        raise ValueError(f"{n_rows - len(lines)} rows of numbers fewer: truncated")
-    return table_of(lines, n_columns)
-
-
-def pass_over_rows(text: TextIO, n_rows: int) -> None:
-    """Read on behind the next lines that are not empty."""
-    deque(islice(text_lines(text), n_rows), maxlen=0)
 
 
 def table_of(lines: Sequence[str], n_columns: int, separator: str | None = None) -> NDArray[np.float64]:

@@ -67,31 +67,19 @@ class CloudChunk:
     is_withheld: NDArray[np.bool_] | None = None
 
 
-class FieldNames(NamedTuple):
-    """Names of the fields of a cloud's records that are understood; None for what there is not."""
-
-    points: list[str]
-    normals: list[str] | None
-    classes: str | None
-    times: str | None
-
-    def header(self, file: Path, n_points: int) -> CloudHeader:
-        """Return the header of a cloud with these fields."""
-        has_normals, has_classes, has_times = (name is not None for name in self[1:])
-        return CloudHeader(file, n_points, None, has_normals, has_classes, has_times)
-
-    def chunk(self, columns: Any) -> CloudChunk:
-        """Return the points of columns that are found by their names."""
-
-        def table(names: list[str]) -> NDArray[np.float64]:
-            return np.stack([as_float64(columns[name]) for name in names], axis=1)
-
-        return CloudChunk(
-            points=table(self.points),
-            normals=None if self.normals is None else table(self.normals),
-            classes=None if self.classes is None else as_classes(columns[self.classes]),
-            times=None if self.times is None else as_float64(columns[self.times]),
-        )
+def cloud_chunk(
+    points: NDArray[Any],
+    normals: NDArray[Any] | None = None,
+    classes: NDArray[Any] | None = None,
+    times: NDArray[Any] | None = None,
+) -> CloudChunk:
+    """Return points and what goes with them, of any types of numbers; ValueError if a class is none."""
+    return CloudChunk(
+        as_float64(points),
+        None if normals is None else as_float64(normals),
+        None if classes is None else _as_classes(classes),
+        None if times is None else as_float64(times),
+    )
 
 
 class CloudReader(ABC):
@@ -149,7 +137,7 @@ def check_unpacked_size(unpacked: int, packed: int, max_ratio: int) -> None:
         raise ValueError(f"points that unpack to {times:.0f} times their size, not at most {max_ratio} as real ones")
 
 
-def as_classes(values: NDArray[np.generic]) -> NDArray[np.uint8]:
+def _as_classes(values: NDArray[np.generic]) -> NDArray[np.uint8]:
     """Return class codes of any type of number as uint8; ValueError if one is no whole number from 0 to 255."""
     numbers = values.astype(np.float64)
     is_code = (numbers >= 0) & (numbers <= 255) & (numbers == np.floor(numbers))

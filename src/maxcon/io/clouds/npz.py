@@ -16,10 +16,9 @@ from maxcon.io.clouds.base import (
     CloudChunk,
     CloudHeader,
     CloudReader,
-    as_classes,
     as_file_error,
-    as_float64,
     check_unpacked_size,
+    cloud_chunk,
 )
 from maxcon.io.text import printable
 
@@ -47,10 +46,7 @@ class NpzReader(CloudReader):
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         with as_file_error(self.header.path, KIND):
             for start in range(0, self.header.n_points, max_points):
-                rows = {name: array[start : start + max_points] for name, array in self._arrays.items()}
-                floats = {name: as_float64(values) for name, values in rows.items() if name != "classes"}
-                classes = as_classes(rows["classes"]) if "classes" in rows else None
-                yield CloudChunk(floats["points"], floats.get("normals"), classes, floats.get("times"))
+                yield cloud_chunk(**{name: array[start : start + max_points] for name, array in self._arrays.items()})
 
 
 def _read_arrays(file: Path) -> dict[str, NDArray[Any]]:

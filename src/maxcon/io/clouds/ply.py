@@ -2,22 +2,14 @@
 # SPDX-License-Identifier: MIT
 """PLY: ascii and binary of either byte order, any scalar types of properties."""
 
-import io
-from collections.abc import Generator
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import numpy as np
 
-from maxcon.io.clouds.base import Bounds, CloudChunk, CloudReader, FieldNames, as_file_error, rows_at_a_time
-from maxcon.io.point_records import coordinate_fields, record_type
-from maxcon.io.text import MAX_LINES, pass_over_rows, read_table
+from maxcon.io.clouds.records import RecordLayout, RecordReader
+from maxcon.io.point_records import record_type
 
-KIND = "a PLY file of points"
-NORMAL_NAMES = ("nx", "ny", "nz")
-CLASS_NAMES = ("classification", "class", "label", "scalar_classification", "scalar_class", "scalar_label")
-TIME_NAMES = ("gps_time", "gpstime", "time", "scalar_gpstime", "scalar_gps_time")
 # Real headers have some hundred bytes, with long comments some thousand.
 MAX_HEADER_BYTES = 2**18
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -29,7 +21,7 @@ TYPES = {
 LIST = "list"
 
 
-class PlyReader(CloudReader):
+class PlyReader(RecordReader):
     """Points of a PLY file; with normals, classes and times where it has such properties.
 
     Normals are nx, ny, nz; classes `classification`, `class` or `label`; times `gps_time` or `time`; of these, whatever
@@ -37,40 +29,32 @@ class PlyReader(CloudReader):
     over. FileError if it is not PLY, has no x, y, z, has lists in its vertices or before them, or is too short.
     """
 
-    def __init__(self, file: Path) -> None:
-        super().__init__()
-        with as_file_error(file, KIND), file.open("rb") as stream:
-            self._layout = _read_layout(stream)
-            dtype = self._layout.dtype
-            names = dtype.names or ()
-            lowered = {name.lower(): name for name in reversed(names)}
-            self._fields = FieldNames(
-                coordinate_fields(dtype, "fiu"),
-                coordinate_fields(dtype, "fiu", NORMAL_NAMES) if set(NORMAL_NAMES) <= set(names) else None,
-                next((lowered[name] for name in CLASS_NAMES if name in lowered), None),
-                next((lowered[name] for name in TIME_NAMES if name in lowered), None),
-            )
-        self.header = self._fields.header(file, self._layout.n_points)
+    kind = "a PLY file of points"
+    normal_names = ("nx", "ny", "nz")
+    class_names = ("classification", "class", "label", "scalar_classification", "scalar_class", "scalar_label")
+    time_names = ("gps_time", "gpstime", "time", "scalar_gpstime", "scalar_gps_time")
+    ignores_case = True
 
-    def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
-        file, layout, names = self.header.path, self._layout, self._layout.dtype.names or ()
-        n_left, n_most = layout.n_points, rows_at_a_time(max_points, layout.dtype.itemsize)
-        with as_file_error(file, KIND), file.open("rb") as stream:
-            stream.seek(layout.start)
-            text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n")
-            if layout.is_ascii:
-                pass_over_rows(text, layout.n_rows_before)
-                n_most = min(n_most, MAX_LINES)
-            while n_left > 0:
-                n_rows = min(n_left, n_most)
-                if layout.is_ascii:
-                    yield self._fields.chunk(dict(zip(names, read_table(text, n_rows, len(names)).T, strict=True)))
-                else:
-                    records = np.fromfile(stream, layout.dtype, n_rows)
-                    if len(records) < n_rows:
-                        raise ValueError(f"{n_left - len(records)} vertices fewer: truncated")
-                    yield self._fields.chunk(records)
-                n_left -= n_rows
+    def _read_layout(self, stream: BinaryIO) -> RecordLayout:
+        size = stream.seek(0, 2)
+        stream.seek(0)
+        order, elements = _parse(_header_lines(stream))
+        start = stream.tell()
+        names = [element.name for element in elements]
+        if "vertex" not in names:
+            raise ValueError(f"no element 'vertex' among {', '.join(names) or 'none'}")
+        before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
+        for element in (*before, vertex):
+            if any(kind == LIST for _, kind in element.properties):
+                raise ValueError(f"a list in {element.name!r}: export the points alone, with scalar properties")
+        dtype = vertex.dtype(order)
+        least = dtype.itemsize if order else 2 * len(vertex.properties)  # a digit and a blank or line end each
+        if order:
+            start += sum(element.count * element.dtype(order).itemsize for element in before)
+        if vertex.count == 0 or start + vertex.count * least > size + 1:
+            raise ValueError(f"{vertex.count} vertices in {size} bytes: empty or truncated")
+        n_rows_before = sum(element.count for element in before)
+        return RecordLayout("binary" if order else "ascii", start, vertex.count, dtype, n_rows_before)
 
 
 @dataclass(slots=True)
@@ -84,43 +68,6 @@ class _Element:
     def dtype(self, order: str) -> np.dtype[np.void]:
         """One row."""
         return record_type([name for name, _ in self.properties], [order + kind for _, kind in self.properties])
-
-
-class _Layout(NamedTuple):
-    """Where the vertices of a PLY file are.
-
-    `start` is where the rows after the header begin, bytes; in a binary file, where the first vertex does.
-    `n_rows_before` are lines of other elements before the first vertex (ascii only).
-    """
-
-    is_ascii: bool
-    start: int
-    n_rows_before: int
-    n_points: int
-    dtype: np.dtype[np.void]
-
-
-def _read_layout(stream: BinaryIO) -> _Layout:
-    """The layout of an open PLY file, checked against its size."""
-    size = stream.seek(0, 2)
-    stream.seek(0)
-    order, elements = _parse(_header_lines(stream))
-    start = stream.tell()
-    names = [element.name for element in elements]
-    if "vertex" not in names:
-        raise ValueError(f"no element 'vertex' among {', '.join(names) or 'none'}")
-    before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
-    for element in (*before, vertex):
-        if any(kind == LIST for _, kind in element.properties):
-            raise ValueError(f"a list in {element.name!r}: export the points alone, with scalar properties")
-    dtype = vertex.dtype(order)
-    least = dtype.itemsize if order else 2 * len(vertex.properties)  # a digit and a blank or line end each
-    if order:
-        start += sum(element.count * element.dtype(order).itemsize for element in before)
-    if vertex.count == 0 or start + vertex.count * least > size + 1:
-        raise ValueError(f"{vertex.count} vertices in {size} bytes: empty or truncated")
-    n_rows_before = sum(element.count for element in before)
-    return _Layout(not order, start, n_rows_before, vertex.count, dtype)
 
 
 def _header_lines(stream: BinaryIO) -> list[list[str]]:

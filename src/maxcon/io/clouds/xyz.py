@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from maxcon._system.regular_file import open_regular
-from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_classes, as_file_error
+from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_file_error, cloud_chunk
 from maxcon.io.text import MAX_LINES, parse_float, table_of, text_lines
 
 KIND = "points as text, with x, y, z in each line"
@@ -58,9 +58,8 @@ class XyzReader(CloudReader):
             while some := list(islice(rows, min(max_points, MAX_LINES))):
                 values = table_of(some, layout.n_columns, layout.separator)
                 named = {name: values[:, column] for name, column in layout.columns.items()}
-                classes = as_classes(named["class"]) if "class" in named else None
                 points = values[:, [layout.columns[name] for name in "xyz"]]
-                yield CloudChunk(points, classes=classes, times=named.get("time"))
+                yield cloud_chunk(points, classes=named.get("class"), times=named.get("time"))
 
 
 @contextmanager

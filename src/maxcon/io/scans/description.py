@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from maxcon.errors import FileError
-from maxcon.io.point_records import CloudPoints, words_of
+from maxcon.io.point_records import CloudPoints
 from maxcon.io.recordings.clouds import (
     CLOUD,
     VELODYNE,
-    RecordedCloud,
+    CloudSource,
     TopicOfClouds,
     open_clouds,
     topic_of_clouds,
@@ -25,7 +25,7 @@ from maxcon.io.recordings.clouds import (
 )
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording, open_recording
 from maxcon.io.recordings.recording import Topic
-from maxcon.io.scans.folder import ScanFolder, open_scan_folder
+from maxcon.io.scans.folder import open_scan_folder
 from maxcon.scan import Scan
 
 N_SCANS = 10
@@ -44,14 +44,6 @@ class RecordingDescription(NamedTuple):
     scanners: tuple[dict[str, str], ...]
 
 
-class _Seen(NamedTuple):
-    """One scan that was read: its returns, time, s, and the fields of a point in words."""
-
-    cloud: CloudPoints
-    time: float
-    fields: str
-
-
 def describe(path: str | os.PathLike[str], topic: str | None = None) -> RecordingDescription:
     """Describe scans or a recording; of each scanner the first ten scans are read.
 
@@ -62,52 +54,44 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
     """
     if not is_recording(path):
         scans = open_scan_folder(path)
-        reads = (partial(_seen_in_folder, scans, i) for i in range(len(scans)))
+        reads = ((float(time), partial(scans.cloud, i)) for i, time in enumerate(scans.times))
         return RecordingDescription((), (), (_described(str(path), len(scans), reads),))
     if Path(path).suffix.lower() == CAPTURE_SUFFIX:
         with closing(open_clouds(path)) as source:
             n_turns = sum(1 for _ in source.clouds())
-            scanner = _described(source.label, n_turns, (partial(_seen, cloud) for cloud in source.clouds()))
+            scanner = _described(source.label, n_turns, _reads(source))
         return RecordingDescription(topics_of_capture(Path(path)), (), (scanner,))
     with open_recording(path) as recording:
         chosen = recording.of_type(CLOUD, VELODYNE) if topic is None else [topic_of_clouds(recording, topic)]
-        scanners = []
-        for found in chosen:
-            clouds = TopicOfClouds(recording, found).clouds()
-            scanners.append(_described(found.name, found.n_messages, (partial(_seen, cloud) for cloud in clouds)))
+        scanners = [_described(each.name, each.n_messages, _reads(TopicOfClouds(recording, each))) for each in chosen]
         return RecordingDescription(recording.topics, recording.notes, tuple(scanners))
 
 
-def _seen(cloud: RecordedCloud) -> _Seen:
-    fields = "" if isinstance(cloud.records, FileError) else words_of(cloud.records.dtype)
-    return _Seen(cloud.points(), cloud.stamp * 1e-9, fields)
+def _reads(source: CloudSource) -> Iterator[tuple[float, Callable[[], CloudPoints]]]:
+    return ((cloud.stamp * 1e-9, cloud.points) for cloud in source.clouds())
 
 
-def _seen_in_folder(scans: ScanFolder, i: int) -> _Seen:
-    cloud, fields = scans.cloud(i)
-    return _Seen(cloud, float(scans.times[i]), fields)
-
-
-def _described(source: str, n_scans: int, reads: Iterator[Callable[[], _Seen]]) -> dict[str, str]:
-    """What the first scans say that can be read."""
-    seen: list[_Seen] = []
+def _described(source: str, n_scans: int, reads: Iterator[tuple[float, Callable[[], CloudPoints]]]) -> dict[str, str]:
+    """What the first scans say that can be read; of each its time, s, and what reads it."""
+    clouds: list[CloudPoints] = []
+    times: list[float] = []
     problems: list[str] = []
-    for read in islice(reads, N_SCANS):
+    for time, read in islice(reads, N_SCANS):
         try:
-            seen.append(read())
+            clouds.append(read())
+            times.append(time)
         except FileError as error:
             problems.append(str(error))
-    times = sorted(scan.time for scan in seen)
+    times.sort()
     rate = f", {(len(times) - 1) / (times[-1] - times[0]):.2f} a second" if times and times[-1] > times[0] else ""
-    n_seen = len(seen) + len(problems)
-    clouds = [scan.cloud for scan in seen]
+    n_seen = len(clouds) + len(problems)
     n_points, n_invalid, n_duplicates = (
-        sum(numbers) for numbers in zip((0, 0, 0), *(c[3:] for c in clouds), strict=True)
+        sum(numbers) for numbers in zip((0, 0, 0), *(cloud[3:6] for cloud in clouds), strict=True)
     )
     rings = np.unique(np.concatenate([np.empty(0, np.int64), *(c.rings for c in clouds if c.rings is not None)]))
     words = {
         "scans": f"{source}: {n_scans:,} scans{rate}; of the first {n_seen}:",
-        "fields": (seen[0].fields if seen else "") or "x, y, z",
+        "fields": (clouds[0].fields if clouds else "") or "x, y, z",
         "times": (clouds[0].times.words if clouds else "") or "the points of these files have no times",
         "rings": f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
         "points": (

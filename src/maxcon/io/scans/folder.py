@@ -3,11 +3,9 @@
 """ScanFolder: scans with one file per epoch, of any format, and the times of these, from a file or from their names."""
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +14,8 @@ from maxcon._system.regular_file import check_regular
 from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
-from maxcon.io.clouds.pcd import read_pcd
-from maxcon.io.point_records import CloudPoints, are_returns, coordinate_fields, times_and_rings, words_of
+from maxcon.io.clouds.pcd import PcdReader
+from maxcon.io.point_records import CloudPoints, are_returns, times_and_rings, words_of
 from maxcon.io.point_times import PointTimes, find_point_times
 from maxcon.io.raw_scan import RawScan, Scans, scan_within
 from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float, reading
@@ -35,39 +33,33 @@ UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}
 ADVICE = "Write a times.txt with one time in seconds per scan, in the order of the names."
 
 
-class ScanFile(NamedTuple):
-    """All points of one scan file, and the fields that may be their times.
+def read_scan_file(file: Path, stamp: int = 0) -> CloudPoints:
+    """Return the returns of a scan file; points that are there twice are kept.
 
-    points: shape (n, 3), float64; sensor frame, m; points without a return (not finite, or at the origin) are still
-        among them.
-    times: shape (n,)); values as stored by the name of the field; of PCD files only.
-    fields: names and types of all fields of a point, where the file tells them; else empty.
-    """
-
-    points: NDArray[np.float64]
-    times: Mapping[str, NDArray[Any]] = MappingProxyType({})
-    fields: str = ""
-
-
-def read_scan_file(file: Path) -> ScanFile:
-    """Return the points of a scan file, and the fields that may be their times.
+    stamp: time of the scan, ns, which times of points are compared with; only PCD files have such.
 
     FileError if it is empty, truncated or broken, or has more than 5 million points; MissingExtraError if it is a PCD
     file and the extra `pcd` is not installed.
     """
-    suffix = file.suffix.lower()
+    times, fields = PointTimes(None, "", ""), ""
+    columns: dict[str, NDArray[Any]] = {}
     with reading(file, "a scan"):
         check_regular(file)
-        if suffix == ".bin":
-            return _read_floats(file)
-        if suffix == ".pcd":
-            records = read_pcd(file, MAX_SCAN_POINTS)
-            points = [as_float64(records[name]) for name in coordinate_fields(records.dtype, "fiu")]
-            return ScanFile(np.stack(points, axis=1), times_and_rings(records), words_of(records.dtype))
-        with open_cloud(file) as reader:
-            _check_count(file, reader.header.n_points)
-            chunks = [chunk.points for chunk in reader.chunks()]
-        return ScanFile(np.concatenate(chunks) if chunks else np.empty((0, 3)))
+        if file.suffix.lower() == ".bin":
+            points, fields = _read_floats(file)
+        else:
+            with open_cloud(file) as reader:
+                _check_count(file, reader.header.n_points)
+                if isinstance(reader, PcdReader):
+                    records = reader.records()
+                    columns, fields = times_and_rings(records), words_of(records.dtype)
+                    points = as_float64(np.stack([records[name] for name in reader.coordinates], axis=1))
+                else:
+                    points = np.concatenate([chunk.points for chunk in reader.chunks()])
+    rows = np.flatnonzero(are_returns(*points.T))
+    if columns:
+        times = find_point_times({name: values.take(rows) for name, values in columns.items()}, stamp)
+    return CloudPoints(points.take(rows, axis=0), times, None, len(points), len(points) - len(rows), 0, fields)
 
 
 def _check_count(file: Path, n_points: int) -> None:
@@ -77,18 +69,18 @@ def _check_count(file: Path, n_points: int) -> None:
         )
 
 
-def _read_floats(file: Path) -> ScanFile:
+def _read_floats(file: Path) -> tuple[NDArray[np.float64], str]:
     n_bytes = file.stat().st_size
     _check_count(file, n_bytes // 16)
     values = np.fromfile(file, dtype="<f4")
     if n_bytes and n_bytes % 12 == 0 and _are_triples(values):
-        return ScanFile(as_float64(values.reshape(-1, 3)), fields="x float32, y float32, z float32")
+        return as_float64(values.reshape(-1, 3)), "x float32, y float32, z float32"
     if n_bytes == 0 or n_bytes % 16:
         raise FileError(
             f"Expected float32 x, y, z, reflectance in {file}, 16 bytes per point, got {n_bytes} bytes. Is the file"
             " empty or truncated? Copy it again."
         )
-    return ScanFile(as_float64(values.reshape(-1, 4)[:, :3]))
+    return as_float64(values.reshape(-1, 4)[:, :3]), ""
 
 
 def _are_triples(values: NDArray[np.float32]) -> bool:
@@ -125,18 +117,11 @@ class ScanFolder(Scans):
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
         """Return scan number `i`; parameters and errors as of any scans, MissingExtraError besides (PCD)."""
         time = float(self.times[i])
-        return scan_within(self.cloud(i)[0], time, time, self.paths[i].name, min_range, max_range)
+        return scan_within(self.cloud(i), time, time, self.paths[i].name, min_range, max_range)
 
-    def cloud(self, i: int) -> tuple[CloudPoints, str]:
-        """Return the returns of scan number `i`, and the fields of its file in words; errors as of `read`."""
-        content = read_scan_file(self.paths[i])
-        points, rows = content.points, np.flatnonzero(are_returns(*content.points.T))
-        times = PointTimes(None, "", "")
-        if content.times:
-            columns = {name: values.take(rows) for name, values in content.times.items()}
-            times = find_point_times(columns, round(float(self.times[i]) * 1e9))
-        n_invalid = len(points) - len(rows)
-        return CloudPoints(points.take(rows, axis=0), times, None, len(points), n_invalid, 0), content.fields
+    def cloud(self, i: int) -> CloudPoints:
+        """Return the returns of scan number `i`; errors as of `read`."""
+        return read_scan_file(self.paths[i], round(float(self.times[i]) * 1e9))
 
 
 def open_scans(

@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Clouds of PLY and PCD: behind a header all points are rows of the same fields, as text or as bytes."""
+
+import io
+import math
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Generator, Iterator, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any, BinaryIO, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.io.clouds.base import (
+    Bounds,
+    CloudChunk,
+    CloudHeader,
+    CloudReader,
+    as_file_error,
+    cloud_chunk,
+    rows_at_a_time,
+)
+from maxcon.io.point_records import coordinate_fields
+from maxcon.io.text import MAX_LINES, table_of, text_lines
+
+
+class RecordLayout(NamedTuple):
+    """Where and how the points of a file are stored.
+
+    encoding: "ascii", or "binary", or another that the reader of the format unpacks.
+    start: where rows begin, bytes.
+    n_points: how many points there are.
+    dtype: of one point.
+    n_rows_before: rows of text before the first point.
+    """
+
+    encoding: str
+    start: int
+    n_points: int
+    dtype: np.dtype[np.void]
+    n_rows_before: int = 0
+
+
+class RecordReader(CloudReader):
+    """Points of a file of rows; with normals, classes and times where it has fields of such names."""
+
+    kind: ClassVar[str]
+    normal_names: ClassVar[tuple[str, str, str]]
+    class_names: ClassVar[tuple[str, ...]]
+    time_names: ClassVar[tuple[str, ...]]
+    ignores_case: ClassVar[bool]
+    """Of names of classes and times."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        with as_file_error(file, self.kind), file.open("rb") as stream:
+            self._layout = self._read_layout(stream)
+            dtype = self._layout.dtype
+            scalars = [name for name in dtype.names or () if not dtype[name].shape]
+            names = {name.lower() if self.ignores_case else name: name for name in reversed(scalars)}
+            has_normals = set(self.normal_names) <= set(scalars)
+            self.coordinates = coordinate_fields(dtype, "fiu")
+            self._normals = coordinate_fields(dtype, "fiu", self.normal_names) if has_normals else None
+        self._classes = next((names[name] for name in self.class_names if name in names), "")
+        self._times = next((names[name] for name in self.time_names if name in names), "")
+        self.header = CloudHeader(
+            file, self._layout.n_points, None, has_normals, bool(self._classes), bool(self._times)
+        )
+
+    @abstractmethod
+    def _read_layout(self, stream: BinaryIO) -> RecordLayout:
+        """Read the header, and check it against the size of the file; ValueError with what is there instead."""
+
+    def _unpacked(self, stream: BinaryIO) -> dict[str, NDArray[Any]]:
+        """Unpack all points of an encoding of its own, into columns by the names of their fields."""
+        raise NotImplementedError
+
+    def records(self) -> NDArray[np.void]:
+        """Return all points as records, shape (n,)."""
+        found = np.empty(self._layout.n_points, self._layout.dtype)
+        start = 0
+        with np.errstate(invalid="ignore"):  # NaN in a field of integers
+            for columns in self._pieces(self._layout.n_points):
+                part = found[start : start + len(columns[self.coordinates[0]])]
+                for name in found.dtype.names or ():
+                    part[name] = columns[name]
+                start += len(part)
+        return found
+
+    def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
+        for columns in self._pieces(rows_at_a_time(max_points, self._layout.dtype.itemsize)):
+            yield cloud_chunk(
+                np.stack([columns[name] for name in self.coordinates], axis=1, dtype=np.float64),
+                None if self._normals is None else np.stack([columns[name] for name in self._normals], axis=1),
+                columns[self._classes] if self._classes else None,
+                columns[self._times] if self._times else None,
+            )
+
+    def _pieces(self, n_most: int) -> Iterator[Mapping[str, NDArray[Any]]]:
+        """Yield the fields of the points, at most so many points at a time; those of text are float64."""
+        layout, file = self._layout, self.header.path
+        with as_file_error(file, self.kind), file.open("rb") as stream:
+            stream.seek(layout.start)
+            lines = text_lines(io.TextIOWrapper(stream, encoding="latin-1", newline="\n"))
+            unpacked: dict[str, NDArray[Any]] = {}
+            if layout.encoding == "ascii":
+                n_most = min(n_most, MAX_LINES)
+                deque(islice(lines, layout.n_rows_before), maxlen=0)
+            elif layout.encoding != "binary":
+                unpacked = self._unpacked(stream)
+            for start in range(0, layout.n_points, n_most):
+                n_rows = min(n_most, layout.n_points - start)
+                if unpacked:
+                    yield {name: values[start : start + n_rows] for name, values in unpacked.items()}
+                elif layout.encoding == "ascii":
+                    yield _parsed(list(islice(lines, n_rows)), n_rows, layout.dtype)
+                else:
+                    records: Any = np.fromfile(stream, layout.dtype, n_rows)
+                    if len(records) < n_rows:
+                        raise ValueError(f"{n_rows - len(records)} points fewer: truncated")
+                    yield records
+
+
+def n_columns(dtype: np.dtype[np.void]) -> int:
+    """Return how many numbers a point has."""
+    return sum(math.prod(dtype[name].shape) for name in dtype.names or ())
+
+
+def _parsed(lines: list[str], n_rows: int, dtype: np.dtype[np.void]) -> dict[str, NDArray[np.float64]]:
+    if len(lines) < n_rows:
+        raise ValueError(f"{n_rows - len(lines)} rows of numbers fewer: truncated")
+    table, columns, at = table_of(lines, n_columns(dtype)), {}, 0
+    for name in dtype.names or ():
+        shape = dtype[name].shape
+        columns[name] = table[:, at : at + math.prod(shape)].reshape(-1, *shape)
+        at += math.prod(shape)
+    return columns
