@@ -3,6 +3,7 @@
 """Fixes of receivers in the coordinates of a map: headings, covariances, heights, and what is refused."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.fixes import Fixes, Orientations, ReceiverLog, place_fixes
+from maxcon.io.fixes import Orientations, ReceiverLog, place_fixes
 from maxcon.scan.trajectory import Trajectory
 from recorded_drives import bend
 
@@ -21,7 +22,7 @@ FRAME = GeographicFrame(UTM)
 
 def _fixes(way, sigma=math.nan):
     covariance = np.full((2, 2), math.nan) if math.isnan(sigma) else np.diag([sigma**2, (2 * sigma) ** 2])
-    return Fixes(way.times, FRAME.to_geographic(way.positions), np.tile(covariance, (len(way), 1, 1)), 0)
+    return ReceiverLog(way.times, FRAME.to_geographic(way.positions), np.tile(covariance, (len(way), 1, 1)))
 
 
 def _imu(way, off=0.0, sigma=math.nan, as_bearings=False):
@@ -37,7 +38,8 @@ def _imu(way, off=0.0, sigma=math.nan, as_bearings=False):
 
 
 def _placed(fixes, orientations=None):
-    placed = place_fixes(ReceiverLog(fixes, orientations, "a log"), FRAME, None, "log.csv")
+    log = replace(fixes, orientations=orientations, words="a log")
+    placed = place_fixes(log, FRAME, None, "log.csv")
     return placed.trajectory, placed.words
 
 
@@ -100,7 +102,7 @@ def test_a_vehicle_that_stands_keeps_its_heading_whatever_its_receiver_does():
     standing = np.tile(way.positions[-1], (300, 1)) + np.random.default_rng(2).normal(0.0, 0.4, (300, 3))
     positions = np.concatenate([way.positions, standing])
     times = 100.0 + 0.1 * np.arange(len(positions))
-    fixes = Fixes(times, FRAME.to_geographic(positions), np.full((len(times), 2, 2), np.nan), 0)
+    fixes = ReceiverLog(times, FRAME.to_geographic(positions), np.full((len(times), 2, 2), np.nan))
     assert np.abs(_placed(fixes)[0].angles[:, 2] - 0.8).max() < 0.1
 
 
@@ -113,7 +115,7 @@ def test_a_vehicle_that_stands_keeps_its_heading_whatever_its_receiver_does():
     ],
 )
 def test_positions_that_cannot_be_placed(places, words):
-    fixes = Fixes(np.arange(float(len(places))), places, np.full((len(places), 2, 2), np.nan), 0)
+    fixes = ReceiverLog(np.arange(float(len(places))), places, np.full((len(places), 2, 2), np.nan))
     with pytest.raises(TrajectoryError, match=words):
         _placed(fixes)
 

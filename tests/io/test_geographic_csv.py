@@ -31,13 +31,11 @@ def test_positions_alone(tmp_path):
     path = _way(tmp_path)
     assert is_geographic(path)
     rows = read_geographic_csv(path)
-    np.testing.assert_allclose(rows.fixes.times, 100.0 + np.arange(10))
-    np.testing.assert_allclose(rows.fixes.places[3], [52.0, 13.00009, 60.5])
-    assert np.isnan(rows.fixes.covariances).all() and rows.orientations is None
+    np.testing.assert_allclose(rows.times, 100.0 + np.arange(10))
+    np.testing.assert_allclose(rows.places[3], [52.0, 13.00009, 60.5])
+    assert np.isnan(rows.covariances).all() and rows.orientations is None
     prior = read_geographic_prior(path, UTM)
-    np.testing.assert_allclose(
-        GeographicFrame(UTM).to_geographic(prior.trajectory.positions), rows.fixes.places, atol=1e-9
-    )
+    np.testing.assert_allclose(GeographicFrame(UTM).to_geographic(prior.trajectory.positions), rows.places, atol=1e-9)
     assert "course over ground" in prior.words and "gnss.csv" in prior.words
 
 
@@ -47,8 +45,8 @@ def test_heights_by_their_name(tmp_path):
         ("height,ignored", Heights.ELLIPSOIDAL),
         ("orthometric_height,height", Heights.ORTHOMETRIC),
     ):
-        fixes = read_geographic_csv(_write(tmp_path, f"time,latitude,longitude,{names}", "1,52,13,60,20")).fixes
-        assert fixes.heights is kind and fixes.places[0, 2] == 60.0
+        log = read_geographic_csv(_write(tmp_path, f"time,latitude,longitude,{names}", "1,52,13,60,20"))
+        assert log.heights is kind and log.places[0, 2] == 60.0
 
 
 @pytest.mark.parametrize(
@@ -60,7 +58,7 @@ def test_headings_of_a_compass_or_counter_clockwise(tmp_path, columns, values):
     np.testing.assert_allclose(np.degrees(rows.orientations.trajectory.angles[4]), [1.0, -2.0, 1.0], atol=1e-9)
     np.testing.assert_allclose(np.degrees(rows.orientations.sigmas), 0.5)
     trajectory = read_geographic_prior(path, UTM).trajectory
-    convergence = GeographicFrame(UTM).convergence(rows.fixes.places[4:5])[0]
+    convergence = GeographicFrame(UTM).convergence(rows.places[4:5])[0]
     assert trajectory.angles[4, 2] == pytest.approx(math.radians(1.0) + convergence, abs=1e-4)
 
 
@@ -76,10 +74,10 @@ def test_rows_without_a_position_or_a_sigma(tmp_path):
         "1,,,,,", "2,52,13,60,0.1,0.2", "3,52,13,60,,", "4,52,13,x,,", "5,52,13,60,0.1,", "6,52,1",
     )  # fmt: skip
     rows = read_geographic_csv(path)
-    np.testing.assert_allclose(rows.fixes.times, [2, 3, 5])
-    assert rows.fixes.n_left_out == 1
-    np.testing.assert_allclose(rows.fixes.covariances[0], np.diag([0.01, 0.04]))
-    assert np.isnan(rows.fixes.covariances[1:]).all()
+    np.testing.assert_allclose(rows.times, [2, 3, 5])
+    assert rows.n_left_out == 1
+    np.testing.assert_allclose(rows.covariances[0], np.diag([0.01, 0.04]))
+    assert np.isnan(rows.covariances[1:]).all()
     assert [f"line {number}:" in words for number, words in zip((6, 8), rows.left_out, strict=True)] == [True] * 2
 
 

@@ -35,13 +35,13 @@ def _way(n=20, start=START, **options):
 
 def test_positions_heights_and_times(tmp_path):
     log = read_nmea(_write(tmp_path / "a.nmea", _way(3)))
-    np.testing.assert_allclose(log.fixes.times, START + np.arange(3), atol=1e-6)
-    np.testing.assert_allclose(log.fixes.places, [[52.0, 13.0 + i * 2.92e-5, 100.0] for i in range(3)], atol=1e-10)
-    assert log.fixes.heights is Heights.ELLIPSOIDAL  # altitude and the receiver's own geoid
-    np.testing.assert_allclose(log.fixes.covariances[0], np.diag([0.04**2] * 2))  # RTK fixed: 5 cm times HDOP
+    np.testing.assert_allclose(log.times, START + np.arange(3), atol=1e-6)
+    np.testing.assert_allclose(log.places, [[52.0, 13.0 + i * 2.92e-5, 100.0] for i in range(3)], atol=1e-10)
+    assert log.heights is Heights.ELLIPSOIDAL  # altitude and the receiver's own geoid
+    np.testing.assert_allclose(log.covariances[0], np.diag([0.04**2] * 2))  # RTK fixed: 5 cm times HDOP
     assert log.orientations is None and "0 of GST, 3 of HDOP" in log.words
     log = read_nmea(_write(tmp_path / "a.nmea", [gga(START, -33.25, -70.5, 1.0, 2.0), rmc(START)]))
-    np.testing.assert_allclose(log.fixes.places, [[-33.25, -70.5, 3.0]], atol=1e-10)
+    np.testing.assert_allclose(log.places, [[-33.25, -70.5, 3.0]], atol=1e-10)
 
 
 def test_the_warts_of_real_logs(tmp_path):
@@ -54,8 +54,8 @@ def test_the_warts_of_real_logs(tmp_path):
         *good[4:], good[4][: len(good[4]) // 2], "!AIVDM,1,1,,B,13aGhtw0R<OJf=6LgQ?Ad1FF05`L,0*24", "$",
     ]  # fmt: skip
     log = read_nmea(_write(tmp_path / "a.txt", lines))
-    np.testing.assert_allclose(log.fixes.times, START + np.delete(np.arange(12), 1), atol=1e-6)
-    assert log.fixes.n_left_out == 1
+    np.testing.assert_allclose(log.times, START + np.delete(np.arange(12), 1), atol=1e-6)
+    assert log.n_left_out == 1
     assert "2 sentences with a wrong checksum, or without, left out" in log.words
     assert log.orientations is None
 
@@ -64,24 +64,24 @@ def test_a_sentence_across_blocks_of_reading_is_found(tmp_path, monkeypatch):
     from maxcon.io import nmea
 
     path = _write(tmp_path / "a.nmea", [b"\xff" * 97, *_way(30)])
-    whole = read_nmea(path).fixes
+    whole = read_nmea(path)
     for block in (64, 300, 1000):
         monkeypatch.setattr(nmea, "BLOCK", block)
-        np.testing.assert_array_equal(read_nmea(path).fixes.places, whole.places)
+        np.testing.assert_array_equal(read_nmea(path).places, whole.places)
 
 
 def test_letters_of_a_base_station_nanoseconds_midnight_and_a_late_date_cost_no_position(tmp_path):
     """The first two are in real logs, and a common parser drops them."""
     place = ("5200.0", "N", "01300.0", "E", 4, 12, 0.8, 60.0, "M", 40.0, "M", "1.0", "TSTR")
     lines = [sentence("GPGGA", f"{clock(START)[0]}789", *place), rmc(START), sentence("PASHR", "", "", "T")]
-    np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.places, [[52.0, 13.0, 100.0]])
+    np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).places, [[52.0, 13.0, 100.0]])
     midnight = 1_626_912_000.0
     lines = [rmc(midnight - 0.4), gga(midnight - 0.2, *NEAR, 1.0, 1.0), gga(midnight + 0.2, *NEAR, 1.0, 1.0)]
-    times = read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.times
+    times = read_nmea(_write(tmp_path / "a.nmea", lines)).times
     np.testing.assert_allclose(times, [midnight - 0.2, midnight + 0.2], atol=1e-6)
     day = sentence("GPZDA", clock(START + 3)[0], 21, "07", 2021, "00", "00")
     lines = [*(gga(START + i, *NEAR, 1.0, 1.0) for i in range(3)), day]
-    np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.times, START + np.arange(3))
+    np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).times, START + np.arange(3))
 
 
 @pytest.mark.parametrize(
@@ -111,10 +111,10 @@ def test_sigmas_of_gst_and_headings_of_hdt_before_or_after_their_position(tmp_pa
         lines += [*(reversed(epoch) if leads else epoch), *([] if i else [rmc(START)])]
     lines += [gga(START + 3, *NEAR, 1.0, 1.0, quality=1, hdop=1.5), gga(START + 4, *NEAR, 1.0, 1.0, quality=6)]
     log = read_nmea(_write(tmp_path / "a.nmea", lines))
-    for covariance in log.fixes.covariances[:3]:
+    for covariance in log.covariances[:3]:
         np.testing.assert_allclose(covariance, np.diag([0.04, 0.09]))  # east, north
-    np.testing.assert_allclose(log.fixes.covariances[3], np.diag([7.5**2] * 2))
-    assert np.isnan(log.fixes.covariances[4]).all()
+    np.testing.assert_allclose(log.covariances[3], np.diag([7.5**2] * 2))
+    assert np.isnan(log.covariances[4]).all()
     assert "3 of GST, 1 of HDOP, 1 unknown" in log.words
     np.testing.assert_allclose(log.orientations.trajectory.times, START + np.arange(3), atol=1e-6)
     np.testing.assert_allclose(np.degrees(log.orientations.trajectory.angles[:, 2]), 10.0 - np.arange(3), atol=1e-9)
@@ -174,6 +174,6 @@ def test_which_files_are_logs(tmp_path):
 def test_heights_times_and_sigmas_of_a_real_log(real_data):
     path = real_data("recorders/nmea/gpsd/nmea-rtk.log")
     log = read_nmea(path)
-    np.testing.assert_allclose(log.fixes.places[0], [41 + 34.49795459 / 60, -(93 + 45.03431408 / 60), 246.719])
-    assert np.median(np.diff(log.fixes.times)) == pytest.approx(0.1, abs=1e-6)
-    assert log.fixes.covariances[0, 0, 0] == pytest.approx((2.0 * 0.9) ** 2)
+    np.testing.assert_allclose(log.places[0], [41 + 34.49795459 / 60, -(93 + 45.03431408 / 60), 246.719])
+    assert np.median(np.diff(log.times)) == pytest.approx(0.1, abs=1e-6)
+    assert log.covariances[0, 0, 0] == pytest.approx((2.0 * 0.9) ** 2)

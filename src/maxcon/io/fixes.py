@@ -3,9 +3,9 @@
 """Poses from positions in latitude and longitude, and orientations of an IMU where there are any."""
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,41 +37,6 @@ class Heights(Enum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fixes:
-    """Positions of a receiver.
-
-    times: shape (n,); s, strictly increasing.
-    places: shape (n, 3); latitude, longitude (degrees), height (m).
-    covariances: shape (n, 2, 2); of east and north, m^2; NaN where none is stated.
-    n_left_out: messages without a fix.
-    heights: what the heights are counted from.
-    frame: name of the antenna's frame, where there are such.
-    """
-
-    times: NDArray[np.float64]
-    places: NDArray[np.float64]
-    covariances: NDArray[np.float64]
-    n_left_out: int
-    heights: Heights = Heights.ELLIPSOIDAL
-    frame: str = ""
-
-    @classmethod
-    def of_sigmas(
-        cls,
-        times: NDArray[np.float64],
-        places: NDArray[np.float64],
-        sigmas: NDArray[np.float64],
-        n_left_out: int,
-        heights: Heights,
-    ) -> Self:
-        """Return positions with standard deviations of east and north, shape (n, 2), m; NaN where none is stated."""
-        covariances = np.zeros((len(times), 2, 2))
-        covariances[:, [0, 1], [0, 1]] = sigmas**2
-        covariances[np.isnan(sigmas).any(axis=1)] = np.nan
-        return cls(times, places, covariances, n_left_out, heights)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Orientations:
     """Orientations of an IMU towards east, north and up.
 
@@ -87,13 +52,35 @@ class Orientations:
     frame: str = ""
 
 
-class ReceiverLog(NamedTuple):
-    """What a receiver measured, what is to be said of it, and what is wrong with rows that are no positions."""
+@dataclass(frozen=True, slots=True, eq=False)
+class ReceiverLog:
+    """What a receiver measured.
 
-    fixes: Fixes
-    orientations: Orientations | None
+    times: shape (n,); s, strictly increasing.
+    places: shape (n, 3); latitude, longitude (degrees), height (m).
+    covariances: shape (n, 2, 2); of east and north, m^2; NaN where none is stated.
+    n_left_out: messages without a fix.
+    heights: what the heights are counted from.
+    orientations: of an IMU, where there is one.
+    words: what is to be said of it.
+    left_out: what is wrong with rows that are no positions.
+    """
+
+    times: NDArray[np.float64]
+    places: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    n_left_out: int = 0
+    heights: Heights = Heights.ELLIPSOIDAL
+    orientations: Orientations | None = None
     words: str = ""
     left_out: tuple[str, ...] = ()
+
+
+def covariances_of(sigmas: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return covariances (n, 2, 2) of standard deviations of east and north, shape (n, 2); NaN where one is NaN."""
+    covariances = np.eye(2) * np.square(sigmas)[:, None]
+    covariances[np.isnan(sigmas).any(axis=1)] = np.nan
+    return covariances
 
 
 def is_place(place: list[float]) -> bool:
@@ -134,33 +121,45 @@ def place_fixes(
     label: where they come from, for messages.
     are_sure: whether orientations are believed even if they are nothing like the course over ground.
     """
-    fixes, orientations, words, left_out = log
-    positions, words_of_heights = _positions(fixes, frame, geoid_height, label)
-    courses = _courses(fixes.times, positions)
-    turns = None if orientations is None else _of_imu(fixes, orientations, frame, None if are_sure else courses)
-    if turns is None:
+    positions, words_of_heights = _positions(log, frame, geoid_height, label)
+    courses = _courses(log.times, positions)
+    imu = log.orientations
+    rows, quaternions, sigmas = _turns_at(log, imu, frame)
+    words, is_measured = "", len(rows) > 0
+    if imu is None or not is_measured:
         if courses is None:
             raise TrajectoryError(
                 f"{label}: Expected orientations beside the positions, or a way of more than {BASELINE:g} m to tell"
                 " headings from, got neither. Give the poses as a file: --prior."
             )
-        level = quaternions_from_angles(0.0, 0.0, courses)
-        turns = _Turns(
-            np.arange(len(courses)), level, _course_sigmas(fixes), f"{COURSE}; roll and pitch 0", has_headings=False
-        )
-    rows = turns.rows
+        rows, quaternions = np.arange(len(courses)), np.tile([0.0, 0.0, 0.0, 1.0], (len(courses), 1))
+        words = f"{COURSE}; roll and pitch 0"
+    elif courses is not None and not are_sure:
+        words = _words_of_others(imu.topic, quaternions, courses[rows])
+        is_measured = not words
+    if imu is not None and is_measured:
+        words = f"orientations of {imu.topic}"
+        if np.isnan(sigmas).any():
+            words += f", whose headings state no sigma: {math.degrees(ASSUMED_SIGMA):g} degrees assumed"
+        sigmas = np.where(np.isnan(sigmas), ASSUMED_SIGMA, sigmas)
+    elif courses is not None:
+        roll, pitch, _ = angles_from_quaternions(quaternions).T
+        quaternions = quaternions_from_angles(roll, pitch, courses[rows])
+        # Of the direction between two positions that err independently.
+        larger = np.maximum(log.covariances[rows, 0, 0], log.covariances[rows, 1, 1])
+        sigmas = np.sqrt(2.0 * np.maximum(larger, 0.0)) / BASELINE
     covariances = np.zeros((len(rows), 3, 3))
-    covariances[:, :2, :2] = fixes.covariances[rows]
-    covariances[:, 2, 2] = turns.sigmas**2
+    covariances[:, :2, :2] = log.covariances[rows]
+    covariances[:, 2, 2] = sigmas**2
     covariances[np.isnan(covariances).any(axis=(1, 2))] = np.nan
     known = None if np.isnan(covariances).all() else covariances
-    left = f"; {fixes.n_left_out} messages without a fix left out" if fixes.n_left_out else ""
+    left = f"; {log.n_left_out} messages without a fix left out" if log.n_left_out else ""
     return RecordedPoses(
-        checked_trajectory(label, fixes.times[rows], positions[rows], turns.quaternions_xyzw, known),
-        f"{words}; {turns.words}; heights: {words_of_heights}{left}",
-        None if frame.has_heights or geoid_height is not None else fixes.heights,
-        turns.has_headings,
-        left_out=left_out,
+        checked_trajectory(label, log.times[rows], positions[rows], quaternions, known),
+        f"{log.words}; {words}; heights: {words_of_heights}{left}",
+        None if frame.has_heights or geoid_height is not None else log.heights,
+        is_measured,
+        left_out=log.left_out,
     )
 
 
@@ -179,17 +178,17 @@ def checked_trajectory(
 
 
 def _positions(
-    fixes: Fixes, frame: GeographicFrame, geoid_height: float | None, label: str
+    log: ReceiverLog, frame: GeographicFrame, geoid_height: float | None, label: str
 ) -> tuple[NDArray[np.float64], str]:
     """Positions in the map's CRS, shape (n, 3), m, and what their heights are in words."""
-    places, swapped = fixes.places, fixes.places[:, [1, 0]]
+    places, swapped = log.places, log.places[:, [1, 0]]
     got = f"got latitude {places[0, 0]:.5f}, longitude {places[0, 1]:.5f}"
     if not frame.contains(places).any() and frame.contains(swapped).all():
         raise TrajectoryError(
             f"{label}: Expected positions where the map's CRS is meant for, {got}. Are the two swapped? The other way"
             " round they would be."
         )
-    is_orthometric, is_known = fixes.heights is Heights.ORTHOMETRIC, geoid_height is not None
+    is_orthometric, is_known = log.heights is Heights.ORTHOMETRIC, geoid_height is not None
     if is_orthometric and frame.has_ellipsoidal_heights and not is_known:
         raise CrsError(
             f"Expected ellipsoidal heights as the map's CRS has, got heights above the geoid in {label}. Say how high"
@@ -220,62 +219,39 @@ def _positions(
     return positions, words
 
 
-class _Turns(NamedTuple):
-    """Orientations of some of the fixes (rows) towards the axes of the map, sigmas of their headings, and in words."""
-
-    rows: NDArray[np.intp]
-    quaternions_xyzw: NDArray[np.float64]
-    sigmas: NDArray[np.float64]
-    words: str
-    has_headings: bool = True
-
-
-def _of_imu(
-    fixes: Fixes, orientations: Orientations, frame: GeographicFrame, courses: NDArray[np.float64] | None
-) -> _Turns | None:
-    """What an IMU says; but for headings the course over ground, if these are nothing like it."""
-    rows, turns, sigmas = _turns_at(fixes, orientations, frame)
-    if not len(rows):
-        return None
-    if courses is not None:
-        roll, pitch, headings = angles_from_quaternions(turns).T
-        off = float(np.median(np.abs(wrap_angle(headings - courses[rows]))))
-        if off > ALIKE:
-            mixed_up = float(np.median(np.abs(wrap_angle(np.pi / 2.0 - headings - courses[rows]))))
-            compass = (
-                f" (but {math.degrees(mixed_up):.0f} if they are mixed up: bearings count clockwise from north,"
-                " headings counter-clockwise from east)"
-            )
-            words = (
-                f"{COURSE}, for those of {orientations.topic} are {math.degrees(off):.0f} degrees"
-                f" off it{compass if mixed_up <= COMPASS_ALIKE else ''}; roll and pitch of the latter"
-            )
-            turned = quaternions_from_angles(roll, pitch, courses[rows])
-            return _Turns(rows, turned, _course_sigmas(fixes)[rows], words, has_headings=False)
-    words = f"orientations of {orientations.topic}"
-    if np.isnan(sigmas).any():
-        words += f", whose headings state no sigma: {math.degrees(ASSUMED_SIGMA):g} degrees assumed"
-    return _Turns(rows, turns, np.where(np.isnan(sigmas), ASSUMED_SIGMA, sigmas), words)
+def _words_of_others(topic: str, quaternions_xyzw: NDArray[np.float64], courses: NDArray[np.float64]) -> str:
+    """That headings of an IMU are nothing like the course over ground, so that this is taken; else empty."""
+    headings = angles_from_quaternions(quaternions_xyzw)[:, 2]
+    off = float(np.median(np.abs(wrap_angle(headings - courses))))
+    if off <= ALIKE:
+        return ""
+    mixed_up = float(np.median(np.abs(wrap_angle(np.pi / 2.0 - headings - courses))))
+    compass = (
+        f" (but {math.degrees(mixed_up):.0f} if they are mixed up: bearings count clockwise from north,"
+        " headings counter-clockwise from east)"
+    )
+    return (
+        f"{COURSE}, for those of {topic} are {math.degrees(off):.0f} degrees"
+        f" off it{compass if mixed_up <= COMPASS_ALIKE else ''}; roll and pitch of the latter"
+    )
 
 
 def _turns_at(
-    fixes: Fixes, orientations: Orientations, frame: GeographicFrame
+    log: ReceiverLog, imu: Orientations | None, frame: GeographicFrame
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
-    """Which fixes have an orientation; these in the axes of the map; and their sigmas."""
-    trajectory = orientations.trajectory
-    rows, angles = [], []
-    for row, time in enumerate(fixes.times.tolist()):
-        try:
-            angles.append(trajectory.at(time, MAX_GAP).values[3:])
-        except TrajectoryError:
-            continue
-        rows.append(row)
-    if not rows:
+    """Which positions have an orientation; these in the axes of the map; and the sigmas of their headings."""
+    rows: list[int] = []
+    angles = []
+    for row, time in enumerate(log.times.tolist()):
+        with suppress(TrajectoryError):
+            if imu is not None:
+                angles.append(imu.trajectory.at(time, MAX_GAP).values[3:])
+                rows.append(row)
+    if imu is None or not rows:
         return np.empty(0, np.intp), np.empty((0, 4)), np.empty(0)
-    chosen = np.array(rows)
-    turned = frame.quaternions_to_map(fixes.places[chosen], quaternions_from_angles(*np.array(angles).T))
-    later = np.searchsorted(trajectory.times, fixes.times[chosen]).clip(max=len(trajectory) - 1)
-    return chosen, turned, orientations.sigmas[later]
+    turns = quaternions_from_angles(*np.array(angles).T)
+    later = np.searchsorted(imu.trajectory.times, log.times[rows]).clip(max=len(imu.trajectory) - 1)
+    return np.array(rows, np.intp), frame.quaternions_to_map(log.places[rows], turns), imu.sigmas[later]
 
 
 def _courses(times: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -289,9 +265,3 @@ def _courses(times: NDArray[np.float64], positions: NDArray[np.float64]) -> NDAr
     steps = np.diff(positions[anchors, :2], axis=0)
     middles = (times[anchors][1:] + times[anchors][:-1]) / 2.0
     return np.interp(times, middles, np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
-
-
-def _course_sigmas(fixes: Fixes) -> NDArray[np.float64]:
-    """Of the direction between two positions that err independently, rad; NaN where no covariance is stated."""
-    larger = np.maximum(fixes.covariances[:, 0, 0], fixes.covariances[:, 1, 1])
-    return np.sqrt(2.0 * np.maximum(larger, 0.0)) / BASELINE

@@ -3,6 +3,7 @@
 """Rough poses from positions in latitude and longitude, of tables and logs of receivers, in a map's coordinates."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.fixes import Fixes, Heights, Orientations, ReceiverLog, RecordedPoses, is_place, place_fixes
+from maxcon.io.fixes import Heights, Orientations, ReceiverLog, RecordedPoses, covariances_of, is_place, place_fixes
 from maxcon.io.nmea import is_nmea, read_nmea
 from maxcon.io.text import UNCLEAR_HEADINGS, PoseTable, numbered_lines, read_pose_table
 from maxcon.scan.trajectory import Trajectory, first_fault
@@ -53,8 +54,7 @@ def read_geographic_prior(
         )
     log = read_nmea(path) if is_nmea(path) else read_geographic_csv(path)
     words = f"positions from {path.name}" + (f" (NMEA); {log.words}" if log.words else "")
-    log = log._replace(words=words)
-    return place_fixes(log, GeographicFrame(crs), geoid_height, str(path), are_sure=are_sure)
+    return place_fixes(replace(log, words=words), GeographicFrame(crs), geoid_height, str(path), are_sure=are_sure)
 
 
 def read_geographic_csv(file: Path) -> ReceiverLog:
@@ -87,9 +87,11 @@ def read_geographic_csv(file: Path) -> ReceiverLog:
     fault = first_fault(times, places[:, 1:], np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1)))
     if fault is not None:
         table.refuse(fault.words, table.lines[fault.row])
-    fixes = Fixes.of_sigmas(times, places[:, 1:], sigmas[:, :2], n_empty, HEIGHT_COLUMNS[height])
     orientations = _orientations(file.name, times, angles, sigmas[:, 2])
-    return ReceiverLog(fixes, orientations, left_out=table.told_faults())
+    return ReceiverLog(
+        times, places[:, 1:], covariances_of(sigmas[:, :2]), n_empty, HEIGHT_COLUMNS[height], orientations,
+        left_out=table.told_faults(),
+    )  # fmt: skip
 
 
 def _check_header(table: PoseTable, sigma_names: tuple[str, str]) -> tuple[str, str]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
-from maxcon.io.fixes import Fixes, Heights, Orientations, ReceiverLog, is_place
+from maxcon.io.fixes import Heights, Orientations, ReceiverLog, covariances_of, is_place
 from maxcon.io.text import parse_float, reading
 from maxcon.scan.trajectory import Trajectory
 
@@ -162,7 +162,6 @@ def _finished(file: Path, log: _Log) -> ReceiverLog:
     sigmas[~(sigmas.sum(axis=1) > 0.0)] = np.nan
     n_left_out = log.n_without_fix + n_positions - len(times)
     places = np.column_stack([positions[:, 2:4], heights])
-    fixes = Fixes.of_sigmas(times, places, sigmas, n_left_out, kind)
     n_stated = sum(time in of_time for time in times.tolist())
     n_known = int((~np.isnan(sigmas[:, 0])).sum())
     words = f"times: UTC; sigmas: {n_stated} of GST, {n_known - n_stated} of HDOP, {len(times) - n_known} unknown"
@@ -170,7 +169,8 @@ def _finished(file: Path, log: _Log) -> ReceiverLog:
         words += f"; {log.n_broken} sentences with a wrong checksum, or without, left out"
     if kind is Heights.ELLIPSOIDAL:
         words += f"; geoid height of the log {np.nanmedian(positions[:, 5]):.2f} m"
-    return ReceiverLog(fixes, _orientations(file, log, dates), words)
+    orientations = _orientations(file, log, dates)
+    return ReceiverLog(times, places, covariances_of(sigmas), n_left_out, kind, orientations, words)
 
 
 def _dated(rows: NDArray[np.float64], dates: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.fixes import Fixes, Orientations, ReceiverLog, RecordedPoses, checked_trajectory, is_place, place_fixes
+from maxcon.io.fixes import Orientations, ReceiverLog, RecordedPoses, checked_trajectory, is_place, place_fixes
 from maxcon.io.recordings.opening import open_recording
 from maxcon.io.recordings.recording import Recording, Topic, choose_topic, frame_name, frame_of
 from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree, contents, numbers_of
@@ -160,9 +160,9 @@ def _of_fixes(
     times, values, n_left_out, frames = _rows(recording, topic, "messages of positions", row_of)
     if not len(times):
         raise TrajectoryError(f"{label}: Expected at least one position, got none with a fix. Choose another topic.")
-    fixes = Fixes(times, values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out, frame=frames[-1])
     orientations = _read_orientations(recording)
-    log = ReceiverLog(fixes, orientations, f"poses from {printable(topic.name)} (NavSatFix)")
+    words, covariances = f"poses from {printable(topic.name)} (NavSatFix)", values[:, 3:].reshape(-1, 2, 2)
+    log = ReceiverLog(times, values[:, :3], covariances, n_left_out, orientations=orientations, words=words)
     placed = place_fixes(log, GeographicFrame(crs), geoid_height, label, are_sure=are_sure)
     turned = VEHICLE if orientations is None or not placed.has_orientations else orientations.frame
     return replace(placed, position_frame=frames[-1], orientation_frame=turned)
