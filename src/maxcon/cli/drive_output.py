@@ -166,7 +166,7 @@ class TableOfDrive:
         end_of_drive(self.epochs, len(self.times), self.there.n_localized, is_track=self.is_track)
 
     def write_tum(self) -> None:
-        """Write the poses of all epochs, also of those that were there, as TUM if asked; say so where there are none."""
+        """Write the poses of all epochs, also of those that were there, as TUM, if asked; say where there are none."""
         tum = self.options.tum
         if tum is None:
             return

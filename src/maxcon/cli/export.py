@@ -3,7 +3,7 @@
 """`maxcon export`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -34,14 +34,11 @@ class ExportOptions(OptionGroup):
     topic: Topic = None
     times: Path | None = flag(None, "Time of each scan, as for `maxcon localize`.", metavar="FILE")
     at_stamp: AtStamp = False
+    overwrite: bool = flag(False, "Replace the file, if it is there.")
 
 
 @flags
-def export(
-    what: ExportOptions,
-    ranges: RangeOptions,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file, if it is there.")] = False,
-) -> None:
+def export(what: ExportOptions, ranges: RangeOptions) -> None:
     """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
     from maxcon.drive.poses_table import table_of_drive
     from maxcon.export import SCAN_SUFFIXES, check_suffix, export_poses, export_scans, read_rows
@@ -56,13 +53,13 @@ def export(
     if are_scans != (what.scans is not None):
         wanted = "--scans for" if are_scans else f"a {' or '.join(SCAN_SUFFIXES)} file with --scans, got"
         raise OptionError(f"Expected {wanted} {out}{', got none' * are_scans}. Name the scans of the drive, or none.")
-    check_out(table, out, overwrite=overwrite)
+    check_out(table, out, overwrite=what.overwrite)
     if what.map_folder is not None:
         crs = _crs_of_map(what.map_folder, table, read_rows(table))
     points = ""
     if what.scans is not None:
         scans = open_scans(what.scans, what.times, topic=what.topic, at_stamp=what.at_stamp)
-        rows, n_points = export_scans(table, out, scans, crs, min_range=ranges.min_range, max_range=ranges.max_range)
+        rows, n_points = export_scans(table, out, scans, crs, **vars(ranges))
         points = f", {n_points:,} points"
     else:
         rows = export_poses(table, out, crs)

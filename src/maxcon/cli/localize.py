@@ -5,7 +5,6 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -84,6 +83,12 @@ class PictureOptions(OptionGroup, title="Output"):
         check_needs({"--reference": self.reference}, {"--report PAGE.html": self.report})
 
 
+class EpochWorkers(WorkerOptions, title="How it is done"):
+    """Who localizes the epochs."""
+
+    threads: int = flag(1, "Epochs localized at once; of a track, headings searched at once.", min=1)
+
+
 @flags
 def localize(
     *,
@@ -97,15 +102,7 @@ def localize(
     time: TimeOptions,
     table: TableOptions,
     pictures: PictureOptions,
-    threads: Annotated[
-        int,
-        typer.Option(
-            min=1,
-            help="Epochs localized at once; of a track, headings searched at once.",
-            rich_help_panel="How it is done",
-        ),
-    ] = 1,
-    worker: WorkerOptions,
+    worker: EpochWorkers,
     quiet: Quiet = False,
 ) -> None:
     """Localize every scan of a drive in a map; the row of each is in POSES.csv once it is done.
@@ -132,7 +129,7 @@ def localize(
     engine = Engine(1 if is_one else worker.workers, worker.scheduler, warn)
     options = DriveOptions(ranges.min_range, ranges.max_range, time.max_gap)
     parse_objective(method.objective)  # a wrong name is said before anything is read
-    opener = DriveOpener(method, space, recording, motion, options, certainty, threads)
+    opener = DriveOpener(method, space, recording, motion, options, certainty, worker.threads)
     if files.drives is not None:
         of_one = {
             "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": time.times,
@@ -196,6 +193,9 @@ class ScanFiles(OptionGroup, title="Recordings and scanners"):
     topic: Topic = None
     at_stamp: AtStamp = False
     times: Times = None
+    threads: int = flag(
+        1, "Headings searched at once; the answers do not depend on it.", min=1, rich_help_panel="How it is done"
+    )
 
 
 class CircleOptions(OptionGroup, title="Search space"):
@@ -243,12 +243,6 @@ def relocalize(
     circle: CircleOptions,
     certainty: PlaceCertainty,
     table: TableOptions,
-    threads: Annotated[
-        int,
-        typer.Option(
-            min=1, help="Headings searched at once; the answers do not depend on it.", rich_help_panel="How it is done"
-        ),
-    ] = 1,
     quiet: Quiet = False,
 ) -> None:
     """Find scans in a map without any prior: at any place of it, or in a circle, and at any heading.
@@ -268,11 +262,11 @@ def relocalize(
     if out is not None:
         drive_output.check_outputs(out, table)
     trust = Trust(certainty.least_share, certainty.largest_runner_up)
-    options = DriveOptions(ranges.min_range, ranges.max_range)
+    options = DriveOptions(**vars(ranges))
     point_map = PointMap.open(files.map_folder)
     radius = 300.0 if circle.radius is None else circle.radius
     middle = None if circle.middle is None else tuple(point_map.frame.to_local([[*circle.middle, 0.0]])[0, :2].tolist())
-    relocalizer = Relocalizer(point_map, middle, radius, n_threads=threads, trust=trust, risk=certainty.risk)
+    relocalizer = Relocalizer(point_map, middle, radius, n_threads=files.threads, trust=trust, risk=certainty.risk)
     opened = open_scans(files.scans, files.times, topic=files.topic, at_stamp=files.at_stamp)
     if out is None:
         epochs = list(drive_output.printed(relocalize_drive(opened, relocalizer, options)))

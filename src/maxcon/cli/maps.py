@@ -39,16 +39,12 @@ class UpdateFiles(OptionGroup):
     out: Path = flag(..., "Folder of the new version.", "--out", "-o", metavar="MAP2")
     reach: float = flag(30.0, "Surfaces farther from the sensor are not judged, m.", metavar="M")
     least_looks: int = flag(2, "Looks from places at least 0.5 m apart that it takes to call a change.", metavar="N")
+    overwrite: bool = flag(False, "Replace MAP2 if there is one.")
 
 
 @app.command(short_help="Write a new version of a map: what is gone, what is new.")
 @flags
-def update(
-    files: UpdateFiles,
-    ranges: RangeOptions,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MAP2 if there is one.")] = False,
-    quiet: Quiet = False,
-) -> None:
+def update(files: UpdateFiles, ranges: RangeOptions, quiet: Quiet = False) -> None:
     """Write a new version of a map, in which what drives saw through is gone, and what they saw newly is new.
 
     Only epochs with the status localized count. Searches in MAP2 leave out what is gone. MAP is not touched.
@@ -57,12 +53,10 @@ def update(
     from maxcon.lab.dataset import open_drives
     from maxcon.mapping.update import UpdateOptions, update_map
 
-    options = UpdateOptions(
-        reach=files.reach, least_looks=files.least_looks, min_range=ranges.min_range, max_range=ranges.max_range
-    )
+    options = UpdateOptions(reach=files.reach, least_looks=files.least_looks, **vars(ranges))
     drives = open_drives(files.drives)
     with step_bars(quiet) as report, compiling_told(quiet):
-        manifest = update_map(files.map_folder, drives, files.out, options, overwrite=overwrite, progress=report)
+        manifest = update_map(files.map_folder, drives, files.out, options, overwrite=files.overwrite, progress=report)
     typer.echo(f"{files.out}")
     print_rows(rows_of_updates(manifest.build.get("updates", [])))
 
@@ -235,9 +229,11 @@ class PassFiles(OptionGroup, title="Inputs"):
 class PassOptions(OptionGroup, title="Rounds"):
     """How passes are told apart, and how well each is known."""
 
-    rounds: str = flag(
-        "time", "What tells rounds apart: pauses in gps_time, point source ids, or files.", metavar="time|source|file"
-    )
+    passes_by: str = flag(
+        "time",
+        "What tells rounds apart: pauses in gps_time, point source ids, or files.",
+        "--rounds", metavar="time|source|file",
+    )  # fmt: skip
     pause: float = flag(20.0, "Seconds without a point between two rounds, by time.", metavar="S")
     georeference_sigma: float = flag(
         0.1, "How well each round is georeferenced: standard deviation along any axis, in m.", metavar="M"
@@ -249,43 +245,29 @@ class PassOptions(OptionGroup, title="Rounds"):
         " matches ask for.",
         metavar="M",
     )
-    knots: float = flag(10.0, "Corrections that drift are free every so many seconds.", metavar="S")
+    knot_spacing: float = flag(10.0, "Corrections that drift are free every so many seconds.", "--knots", metavar="S")
+
+
+class PlaceThreads(OptionGroup, title="How it is done"):
+    """How many threads match."""
+
+    threads: int | None = flag(None, "Places matched at once, 0.4 GiB each. Default: processors, at most 4.", min=1)
 
 
 @app.command(cls=GroupedCommand, short_help="Bring rounds together before a map is built of them.")
 @flags
-def align(
-    files: PassFiles,
-    passes: PassOptions,
-    threads: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Places matched at once, 0.4 GiB each. Default: processors, at most 4.",
-            rich_help_panel="How it is done",
-        ),
-    ] = None,
-    quiet: Quiet = False,
-) -> None:
+def align(files: PassFiles, passes: PassOptions, worker: PlaceThreads, quiet: Quiet = False) -> None:
     """Bring rounds of a mapping campaign together: match them, adjust them, write corrected clouds."""
     from maxcon.cli.map_words import print_alignment
     from maxcon.mapping.align import AlignmentOptions, align_files
 
     options = AlignmentOptions(
-        passes_by=passes.rounds,
-        pause=passes.pause,
-        georeference_sigma=passes.georeference_sigma,
-        georeference_sigma_deg=passes.georeference_sigma_deg,
-        drift_sigma=passes.drift_sigma,
-        knot_spacing=passes.knots,
-        drop=files.drop or None,
-        vehicle_classes=tuple(files.vehicle_class or ()),
-        crs=files.crs,
+        **vars(passes), drop=files.drop or None, vehicle_classes=tuple(files.vehicle_class or ()), crs=files.crs
     )
     with step_bars(quiet) as report, compiling_told(quiet):
         found = align_files(
             files.clouds, files.out, options, trajectories=files.trajectory or (), overwrite=files.overwrite,
-            n_threads=threads, progress=report,
+            n_threads=worker.threads, progress=report,
         )  # fmt: skip
     typer.echo(f"{files.out}")
     print_alignment(found)
