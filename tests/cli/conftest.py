@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+import written_las
 from maxcon.cli import main
 from maxcon.cli.terminal import STOPPING
 from maxcon.io.trajectories import read_trajectory
@@ -196,19 +197,9 @@ def street_npz(tmp_path, street):
 @pytest.fixture
 def write_las(tmp_path, street):
     """Write the street as LAS or LAZ, with a CRS or none."""
-    import laspy
-    import pyproj
 
-    def write(name="street.laz", crs="EPSG:25832", classes=6):
-        header = laspy.LasHeader(point_format=6, version="1.4")
-        header.offsets, header.scales = np.floor(street.min(axis=0)), np.full(3, 0.001)
-        if crs is not None:
-            header.add_crs(pyproj.CRS.from_user_input(crs))
-        las = laspy.LasData(header)
-        las.x, las.y, las.z = street.T
-        las.classification = np.full(len(street), classes, np.uint8)
-        las.gps_time = np.linspace(100.0, 110.0, len(street))
-        las.write(tmp_path / name)
+    def write(name="street.laz", crs="EPSG:25832"):
+        written_las.write_las(tmp_path / name, street, crs=crs, times=np.linspace(100.0, 110.0, len(street)))
         return tmp_path / name
 
     return write

@@ -24,6 +24,7 @@ import pytest
 from maxcon.drive.poses_table import PosesDataset
 from maxcon.lab.dataset import Dataset
 from s3_buckets import bucket_on, s3_server_here
+from written_las import write_las
 
 pytestmark = pytest.mark.kills
 
@@ -139,13 +140,8 @@ def _write_round(path, number):
     along = np.column_stack([one[10_000:20_000], zero + 18.0, up])
     across = np.column_stack([zero + 18.0, one[20_000:], other[20_000:] / 5.0])
     points = rng.permutation(np.concatenate([floor, along, across]))
-    points += rng.normal(0.0, 0.01, points.shape) + [0.05 * number, 0.0, 0.0]
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    header.offsets, header.scales = [550_000.0, 5_802_000.0, 0.0], np.full(3, 0.001)
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = (points + header.offsets).T
-    las.gps_time = 1000.0 * number + np.linspace(0.0, 8.0, len(points))
-    las.write(path)
+    points += rng.normal(0.0, 0.01, points.shape) + [550_000.0 + 0.05 * number, 5_802_000.0, 0.0]
+    write_las(path, points, classes=0, times=1000.0 * number + np.linspace(0.0, 8.0, len(points)))
 
 
 @pytest.fixture

@@ -7,13 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import laspy
 import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pye57
 import pypcd4
-from pyproj import CRS
 
 from maxcon import Pose, Trajectory
 from maxcon.drive.poses_table import COLUMNS, poses_schema
@@ -25,6 +23,7 @@ from maxcon.mapping.build import MapOptions, build_map
 from nmea_sentences import clock, gga, rmc, sentence, zda
 from recorded_drives import NAMES, MadeScans, made_prior, record_drive, write_capture, write_entries
 from written_copc import SIDE, write_copc
+from written_las import write_las
 
 N_POINTS = 60
 LARGEST = 150_000
@@ -108,14 +107,10 @@ def _seeds_of(folder: Path) -> Iterator[Seed]:
 def _clouds(folder: Path) -> Iterator[Seed]:
     """Clouds of maps and scans; "survey" are those that no scan comes in."""
     for point_format, version in ((1, "1.2"), (3, "1.2"), (6, "1.4"), (8, "1.4")):
-        las = laspy.LasData(laspy.LasHeader(point_format=point_format, version=version))
-        las.header.offsets, las.header.scales = POINTS[0], np.full(3, 1e-3)
-        las.x, las.y, las.z = POINTS.T
-        las.classification[:] = 6
-        las.header.add_crs(CRS.from_epsg(25832))
         for suffix in ("las", "laz"):
-            las.write(folder / f"1.5.{suffix}")
-            yield _of_file(f"{suffix} {point_format}", "cloud", folder / f"1.5.{suffix}")
+            path = folder / f"1.5.{suffix}"
+            write_las(path, POINTS, crs="EPSG:25832", point_format=point_format, version=version)
+            yield _of_file(f"{suffix} {point_format}", "cloud", path)
     arrays = {"points": POINTS, "normals": np.tile([0.0, 0.0, 1.0], (N_POINTS, 1)), "classes": np.full(N_POINTS, 6)}
     for label, save in (("npz", np.savez), ("npz compressed", np.savez_compressed)):
         save(folder / "1.5.npz", **arrays)
@@ -230,11 +225,7 @@ def _maps(folder: Path) -> Iterator[Seed]:
     along, up = (axis.ravel() for axis in np.meshgrid(np.arange(0.0, 6.0, 0.1), np.arange(0.0, 3.0, 0.1)))
     wall = np.column_stack([along, np.full_like(along, 2.0), up])
     ground = np.column_stack([along, 2.0 * up, np.zeros_like(along)])
-    las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
-    las.header.scales = np.full(3, 1e-3)
-    las.x, las.y, las.z = np.concatenate([wall, ground]).T
-    las.classification = np.repeat([6, 2], len(along)).astype(np.uint8)
-    las.write(folder / "street.las")
+    write_las(folder / "street.las", np.concatenate([wall, ground]), classes=np.repeat([6, 2], len(along)))
     build_map([folder / "street.las"], folder / "city.map", MapOptions(cell=0.24))
     yield _of_file("manifest.json", "manifest", folder / "city.map" / "manifest.json")
 

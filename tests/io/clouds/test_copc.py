@@ -4,7 +4,6 @@
 
 import struct
 
-import laspy
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -15,6 +14,7 @@ from maxcon.io.clouds import Bounds
 from maxcon.mapping.build import Area, MapOptions, build_map
 from read_clouds import read_cloud
 from written_copc import SIDE, write_copc
+from written_las import write_las
 
 N_POINTS = 3000
 EVERYWHERE = Bounds(-1e6, -1e6, 1e6, 1e6)
@@ -58,11 +58,7 @@ def test_it_is_a_laz_file_and_parts_outside_a_rectangle_are_not_read(cloud):
 
 def test_a_map_of_an_area_is_that_of_a_file_without_an_octree(cloud, tmp_path):
     path, points = cloud
-    las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
-    las.header.scales = np.full(3, 1e-3)
-    las.xyz = points
-    las.classification = np.full(len(points), 6, np.uint8)
-    las.write(tmp_path / "plain.laz")
+    write_las(tmp_path / "plain.laz", points)
     options = MapOptions(crs="EPSG:25832", area=Area(3.0, 5.0, 20.0, 30.0), cell=0.5)
     one, other = (build_map([file], tmp_path / f"{file.name}.map", options) for file in (path, tmp_path / "plain.laz"))
     for name in ("n_points", "n_kept", "n_outside"):

@@ -6,7 +6,6 @@ import struct
 import sys
 from multiprocessing import get_context
 
-import laspy
 import numpy as np
 import pyproj
 import pytest
@@ -16,33 +15,23 @@ from maxcon.io.clouds import las as las_reader
 from maxcon.io.clouds import open_cloud
 from maxcon.mapping.build.sources import common_crs
 from read_clouds import read_cloud
+from written_las import write_las
 
 FORMATS = [(0, "1.2"), (1, "1.2"), (3, "1.3"), (6, "1.4"), (7, "1.4"), (8, "1.4")]
 
 
-def write_las(path, n=1000, point_format=6, version="1.4", epsg=None, extra=False):
+def write(path, n=1000, **how):
+    """Random points with classes and, where the format has them, times."""
     rng = np.random.default_rng(5)
-    header = laspy.LasHeader(point_format=point_format, version=version)
-    header.scales, header.offsets = [0.001] * 3, [458000.0, 5429000.0, 100.0]
-    if epsg:
-        header.add_crs(pyproj.CRS.from_epsg(epsg))
-    if extra:
-        header.add_extra_dim(laspy.ExtraBytesParams("reflectance", "float32"))
-    las = laspy.LasData(header)
-    points = header.offsets + rng.integers(0, 100_000, (n, 3)) * 0.001
-    las.xyz = points
-    las.classification = rng.integers(0, 32, n).astype(np.uint8)
-    if "gps_time" in header.point_format.dimension_names:
-        las.gps_time = 47451.0 + np.arange(n) * 1e-4
-    las.write(path)
-    return las
+    points = [458000.0, 5429000.0, 100.0] + rng.integers(0, 100_000, (n, 3)) * 0.001
+    return write_las(path, points, classes=rng.integers(0, 32, n), times=47451.0 + np.arange(n) * 1e-4, **how)
 
 
 @pytest.mark.parametrize(("point_format", "version"), FORMATS)
-@pytest.mark.parametrize(("suffix", "extra"), [(".las", False), (".laz", False), (".LAS", True), (".LAZ", True)])
+@pytest.mark.parametrize(("suffix", "extra"), [(".las", ()), (".laz", ()), (".LAS", ["ring"]), (".LAZ", ["ring"])])
 def test_points_classes_and_times_of_every_format(tmp_path, point_format, version, suffix, extra):
     path = tmp_path / f"cloud{suffix}"
-    las = write_las(path, 1000, point_format, version, extra=extra)
+    las = write(path, point_format=point_format, version=version, extra=extra)
     cloud = read_cloud(path, max_points=300)
     assert cloud.sizes == [300, 300, 300, 100]
     np.testing.assert_allclose(cloud.points, las.xyz, rtol=0, atol=1e-6)
@@ -58,7 +47,7 @@ def test_points_classes_and_times_of_every_format(tmp_path, point_format, versio
 def test_chunks_cross_the_compressed_ones_and_large_ones_are_read_in_one_thread(
     tmp_path, monkeypatch, most_in_parallel
 ):
-    las = write_las(tmp_path / "a.laz", 60_000)
+    las = write(tmp_path / "a.laz", 60_000)
     monkeypatch.setattr(las_reader, "MAX_PARALLEL_CHUNK", most_in_parallel)
     cloud = read_cloud(tmp_path / "a.laz", 17_000)
     assert len(cloud.chunks) == 4
@@ -66,7 +55,7 @@ def test_chunks_cross_the_compressed_ones_and_large_ones_are_read_in_one_thread(
 
 
 def test_each_iteration_begins_anew_and_leaving_the_block_ends_it(tmp_path):
-    write_las(tmp_path / "a.las")
+    write(tmp_path / "a.las")
     with open_cloud(tmp_path / "a.las") as reader:
         first = next(reader.chunks(10)).points
         running = reader.chunks(10)
@@ -91,16 +80,16 @@ def with_evlr(path, user, record, content, claimed=None):
 def test_the_crs_is_found_before_and_behind_the_points(tmp_path):
     path = tmp_path / "a.las"
     for point_format, version in ((1, "1.2"), (6, "1.4")):
-        write_las(path, 10, point_format, version, epsg=25832)
+        write(path, 10, point_format=point_format, version=version, crs=25832)
         assert pyproj.CRS.from_wkt(header_of(path).crs).to_epsg() == 25832
     wkt = pyproj.CRS.from_epsg(25833).to_wkt().encode() + b"\0"
     for content, words in ((wkt, ""), (b"nonsense", "Invalid"), (b"\xff\xfe", "can't decode")):
-        write_las(path, 10)
+        write(path, 10)
         with_evlr(path, b"LASF_Projection", 2112, content)
         header = header_of(path)
         assert words in header.crs_fault
         assert header.crs is None if words else pyproj.CRS.from_wkt(header.crs).to_epsg() == 25833
-    write_las(path, 10)
+    write(path, 10)
     with_evlr(path, b"someone", 1, b"abc", claimed=2**62)
     with pytest.raises(FileError, match=r"a\.las .*the last of 1 extended records: truncated"):
         open_cloud(path)
@@ -128,7 +117,7 @@ def patched(path, offset, layout, *values):
 )
 def test_a_header_that_cannot_be_is_refused(tmp_path, suffix, offset, layout, value, words):
     path = tmp_path / f"a{suffix}"
-    write_las(path)
+    write(path)
     patched(path, offset, layout, value)
     with pytest.raises(FileError, match=words) as caught:
         open_cloud(path)
@@ -138,7 +127,7 @@ def test_a_header_that_cannot_be_is_refused(tmp_path, suffix, offset, layout, va
 @pytest.mark.parametrize("suffix", [".las", ".laz"])
 def test_a_truncated_file_is_refused_when_opened(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
-    write_las(path, 5000)
+    write(path, 5000)
     whole = path.read_bytes()
     for part in (0.0, 0.1, 0.5, 0.9, 0.999):
         path.write_bytes(whole[: int(part * len(whole))])
@@ -158,7 +147,7 @@ def test_a_truncated_file_is_refused_when_opened(tmp_path, suffix):
 )
 def test_more_points_or_fewer_than_there_are(tmp_path, suffix, point_format, claimed, words):
     path = tmp_path / f"a{suffix}"
-    write_las(path, 120_000, point_format=point_format)
+    write(path, 120_000, point_format=point_format)
     patched(path, 107, "<I", claimed if point_format < 6 else 0)
     if path.read_bytes()[25] >= 4:
         patched(path, 247, "<Q", claimed)
@@ -171,7 +160,7 @@ def test_layers_longer_than_the_file_are_refused_without_allocating(tmp_path):
     import resource
 
     path = tmp_path / "a.laz"
-    write_las(path, 60_000)
+    write(path, 60_000)
     start = struct.unpack_from("<I", path.read_bytes(), 96)[0]
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for layer in range(9):
@@ -211,7 +200,7 @@ def with_record(path, content, number=34735, user=b"LASF_Projection"):
     ],
 )
 def test_a_damaged_crs_is_not_none(tmp_path, content, number, words):
-    write_las(tmp_path / "a.las", 10, point_format=3)
+    write(tmp_path / "a.las", 10, point_format=3)
     with_record(tmp_path / "a.las", content, number)
     with open_cloud(tmp_path / "a.las") as reader:
         header = reader.header
@@ -224,10 +213,10 @@ def test_a_damaged_crs_is_not_none(tmp_path, content, number, words):
 
 
 def test_geotiff_keys_and_the_record_of_liblas(tmp_path):
-    write_las(tmp_path / "a.las", 10, point_format=3)
+    write(tmp_path / "a.las", 10, point_format=3)
     with_record(tmp_path / "a.las", geo_keys((1024, 0, 1, 1), (3072, 0, 1, 25833)))
     wkt = pyproj.CRS.from_epsg(25832).to_wkt().encode() + b"\0"
-    write_las(tmp_path / "b.las", 10, point_format=3)
+    write(tmp_path / "b.las", 10, point_format=3)
     with_record(tmp_path / "b.las", wkt, 2112, b"liblas")
     for name, code in (("a.las", 25833), ("b.las", 25832)):
         assert pyproj.CRS.from_wkt(header_of(tmp_path / name).crs).to_epsg() == code
@@ -240,7 +229,7 @@ def read_again(path, n_points):
 
 def test_laz_is_read_after_a_fork(tmp_path):
     """The decompressor's threads do not survive a fork: the child waited for them for ever."""
-    write_las(tmp_path / "a.laz", 120_000)
+    write(tmp_path / "a.laz", 120_000)
     with open_cloud(tmp_path / "a.laz") as reader:
         n_points = sum(len(chunk.points) for chunk in reader.chunks())
     child = get_context("fork").Process(target=read_again, args=(tmp_path / "a.laz", n_points))

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Folders of scans: order, times, kinds, what is dropped from a scan, and .bin of three floats or four."""
 
-import laspy
 import numpy as np
 import pytest
 
@@ -11,6 +10,7 @@ from maxcon.io.scans import folder as scan_folder
 from maxcon.io.scans import open_scans
 from maxcon.io.scans.description import describe
 from maxcon.io.scans.folder import read_scan_file
+from written_las import write_las
 
 POINTS = np.array(
     [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 130.0, 0.0], [np.nan, 1.0, 1.0], [3.0, 4.0, 0.0]]
@@ -55,12 +55,8 @@ def test_every_kind_of_file_gives_the_same_points(tmp_path):
     props = "property float x\nproperty float y\nproperty float z\n"
     (tmp_path / "1.ply").write_text(f"ply\nformat ascii 1.0\nelement vertex 3\n{props}end_header\n{rows}")
     (tmp_path / "1.pcd").write_text(f"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 1\nDATA ascii\n{rows}")
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales = [0.001] * 3
-    las = laspy.LasData(header)
-    las.xyz = points
-    las.write(tmp_path / "1.las")
-    las.write(tmp_path / "1.LAZ")
+    for name in ("1.las", "1.LAZ"):
+        write_las(tmp_path / name, points)
     for name in ("1.bin", "1.npz", "1.ply", "1.pcd", "1.las", "1.LAZ"):
         scans = open_scans(tmp_path / name)
         assert len(scans) == 1 and scans.times.tolist() == [1.0]
