@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from maxcon._system import cluster, engine
 from maxcon._system.engine import Engine, Opening, close_jobs, do_task, in_order_of, ordered_map
 from maxcon.errors import ArrayError, MaxconError, MissingExtraError, OptionError
+from watched_processes import all_ended, is_alive
 
 if sys.platform == "win32":
     pytest.skip("no POSIX signals to kill a worker with", allow_module_level=True)
@@ -81,22 +82,6 @@ def assert_only_seven_is_lost(where, folder):
     assert found == {number: square for number, square in RIGHT.items() if number != 7}
 
 
-def is_alive(pid):
-    """A zombie that nobody waits for counts as ended."""
-    stat = Path(f"/proc/{pid}/stat")
-    try:
-        return stat.read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def all_ended(pids):
-    deadline = time.monotonic() + 300.0
-    while any(map(is_alive, pids)) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    return not any(map(is_alive, pids))
-
-
 def test_one_worker_is_this_process(tmp_path):
     job = Squares(tmp_path)
     assert squares(Engine(1), job) == RIGHT
@@ -140,7 +125,7 @@ def test_what_ends_every_worker_is_told_from_its_neighbours(tmp_path):
 ENDED_WITH_PARENT = """
 import os, signal, sys
 from pathlib import Path
-sys.path.insert(0, {folder!r})
+sys.path[:0] = {folders!r}
 from test_engine import TASKS, Squares
 from maxcon._system.engine import Engine
 
@@ -155,7 +140,7 @@ if __name__ == "__main__":
 def test_workers_end_with_the_process_that_started_them(tmp_path):
     script, folder = tmp_path / "script.py", tmp_path / "opened"
     folder.mkdir()
-    script.write_text(ENDED_WITH_PARENT.format(folder=str(Path(__file__).parent)))
+    script.write_text(ENDED_WITH_PARENT.format(folders=[str(folder) for folder in Path(__file__).parents[:2]]))
     assert subprocess.run([sys.executable, script, folder], timeout=300).returncode == -signal.SIGKILL
     processes = Squares(folder).processes()
     assert processes and all_ended(processes)

@@ -21,7 +21,6 @@ import laspy
 import numpy as np
 import pytest
 
-from maxcon.drive.poses_table import PosesDataset
 from maxcon.lab.dataset import Dataset
 from s3_buckets import bucket_on, s3_server_here
 from written_las import write_las
@@ -229,40 +228,3 @@ def test_a_killed_copy_to_a_bucket_leaves_no_map_there_and_is_gone_on_with(drive
         assert is_whole_map(arguments[-1], maxcon)
         killed((*arguments, *OVERWRITE), rng.uniform(0.6, 1.0) * seconds)
         assert is_whole_map(arguments[-1], maxcon)
-
-
-# --- commands that go on ----------------------------------------------------------------------------------
-
-
-def test_drives_that_are_done_stay_and_the_others_are_gone_on_with(drive, folder_of_kills, timed, killed):
-    def rows(out, name):
-        return PosesDataset(out).rows(name).drop_columns(["ms"]).to_pylist()
-
-    def localize_drives(out):
-        return "localize", drive.city, "--drives", table, "-o", out, "--workers", "1"
-
-    folder, rng, names = folder_of_kills / "drives", random.Random("drives"), ("a", "b", "c")
-    folder.mkdir()
-    table = folder / "drives.csv"
-    lines = [f"{name},{drive.dataset.scans},{drive.dataset.prior}" for name in names]
-    table.write_text("\n".join(["name,scans,prior", *lines]) + "\n")
-    seconds = timed(*localize_drives(folder / "whole"))
-    whole = {name: rows(folder / "whole", name) for name in names}
-    assert [len(found) for found in whole.values()] == [4, 4, 4]
-    for number in range(SOME):
-        out, kept = folder / str(number), {name: [] for name in names}
-        for _ in range(2):
-            killed(localize_drives(out), rng.uniform(0.5, 1.0) * seconds)
-            found = {name: rows(out, name) for name in names}
-            for name in names:
-                assert all(row in found[name] for row in kept[name])
-                assert all(row in whole[name] for row in found[name])
-                assert not PosesDataset(out).is_done(name) or found[name] == whole[name]
-            kept = found
-        timed(*localize_drives(out))
-        assert {name: rows(out, name) for name in names} == whole
-        assert _names(out) == _names(folder / "whole")
-
-
-def _names(folder):
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))

@@ -206,19 +206,23 @@ def test_workers_write_the_table_of_one_process(localize, long_drive, single, tm
 
 @pytest.mark.clusters
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX signals to stop a process with")
-def test_drives_that_are_stopped_go_on(drive, long_table, long_drive, maxcon, maxcon_process, single, out):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
+def test_drives_that_are_stopped_go_on(drive, long_table, long_drive, maxcon, maxcon_process, single, out, name):
+    number = getattr(signal, name)
     arguments = ("localize", drive.city, "--drives", long_table, "-o", out, *NARROW, "--workers", "2", "--quiet")
     with maxcon_process(*arguments) as process:
         while not list(out.glob("_parts/long/[!.]*.parquet")) and process.poll() is None:
             time.sleep(0.002)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         _, err = process.communicate(timeout=600)
-    assert (process.returncode, err) == (128 + signal.SIGINT, "maxcon: stopped\n")
+    if name == "SIGINT":
+        assert (process.returncode, err) == (128 + number, "maxcon: stopped\n")
     kept = PosesDataset(out).rows("long").to_pylist()
     assert maxcon(*arguments).code == 0
     assert dataset_rows(out, "long") == single("long", *long_drive)
     after = {row["epoch"]: row for row in PosesDataset(out).rows("long").to_pylist()}
     assert kept and all(after[row["epoch"]] == row for row in kept)  # times and all: not made again
+    assert sorted(path.name for path in out.iterdir()) == ["_drives.json", "_options.json", "drive=0013", "drive=long"]
 
 
 @pytest.fixture

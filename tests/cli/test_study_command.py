@@ -10,6 +10,7 @@ import pytest
 
 from maxcon.lab.study import Study
 from maxcon.lab.study.table import keys_of, table_of
+from watched_processes import all_ended
 
 METHODS = ("--methods", "helmert-occupied,count-points,helmert-points-unweighted")
 SMALL = ("--half-width", "1.2", "--heading-half-width-deg", "1")
@@ -39,14 +40,6 @@ def children_of(pid):
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def is_alive(pid):
-    """A zombie that nobody waits for counts as ended."""
-    try:
-        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return False
-
-
 @pytest.mark.kills
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc: processes cannot be watched")
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGINT"])
@@ -62,10 +55,7 @@ def test_a_study_that_is_stopped_goes_on(described, maxcon_process, maxcon, tmp_
         _, err = process.communicate(timeout=600)
     assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
     assert "Traceback" not in err
-    deadline = time.monotonic() + 300.0
-    while any(is_alive(child) for child in children) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not [child for child in children if is_alive(child)]
+    assert all_ended(children)
     assert not (out / "table.parquet").exists()
     before = table_of(out).read().to_pylist()
     assert 0 < len(before) < 120
