@@ -29,13 +29,10 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     than a file stands there.
     """
     target = _output_file(path)
-    try:
-        with _temporary_sibling(target) as folder:
-            partial = folder / target.name
-            yield partial
-            partial.replace(_output_file(target))
-    except OSError as error:
-        raise _cannot_write(target, error) from error
+    with _writing(target), _temporary_sibling(target) as folder:
+        partial = folder / target.name
+        yield partial
+        partial.replace(_output_file(target))
 
 
 @contextmanager
@@ -46,7 +43,7 @@ def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
     False, or the folder cannot be written.
     """
     target = _behind_links(Path(path))
-    try:
+    with _writing(path):
         sweep(target.parent, target.name)
         if target.exists() and not overwrite:
             raise FileError(
@@ -62,8 +59,6 @@ def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
             if target.exists():
                 target.replace(folder / OLD)  # it returns if the next step is not reached
             new.replace(target)
-    except OSError as error:
-        raise _cannot_write(path, error) from error
 
 
 def write_json(path: str | os.PathLike[str], value: object) -> None:
@@ -93,14 +88,15 @@ def locked(path: str | os.PathLike[str], what: str) -> Iterator[None]:
     from filelock import FileLock, Timeout
 
     lock = FileLock(path)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout as error:
-        raise FileError(
-            f"Expected {what} to be left alone, but another process is at work on it. Wait for it, or stop it."
-        ) from error
-    except (OSError, NotImplementedError) as error:
-        raise _cannot_write(path, error) from error
+    with _writing(path):
+        try:
+            lock.acquire(timeout=0)
+        except Timeout as error:
+            raise FileError(
+                f"Expected {what} to be left alone, but another process is at work on it. Wait for it, or stop it."
+            ) from error
+        except NotImplementedError as error:  # a file system without locks
+            raise OSError(error) from error
     try:
         yield
     finally:
@@ -111,10 +107,8 @@ def locked(path: str | os.PathLike[str], what: str) -> Iterator[None]:
 
 def make_folder(path: str | os.PathLike[str]) -> None:
     """Make a folder for outputs, if it is not there; FileError if it cannot be made."""
-    try:
+    with _writing(path):
         Path(path).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _cannot_write(path, error) from error
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
@@ -123,20 +117,16 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     What killed processes left of it beside it is removed.
     """
     target = _output_file(path)
-    try:
+    with _writing(path):
         with _temporary_sibling(target) as folder:
             (folder / target.name).touch()
         sweep(target.parent, target.name)
-    except OSError as error:
-        raise _cannot_write(path, error) from error
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
     """Refuse a folder for outputs that is a file, or is in one; FileError if so."""
-    try:
+    with _writing(path):
         there = next(place for place in (Path(path), *Path(path).absolute().parents) if place.exists())
-    except OSError as error:
-        raise _cannot_write(path, error) from error
     if not there.is_dir():
         raise FileError(f"Expected a folder to write into, {path}, got the file {there}. Name another.")
 
@@ -149,12 +139,9 @@ def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[s
     names: names and patterns (`poses-*.csv`) of all that such a folder may hold; the first it must hold, if it is not
         empty.
     """
-    try:
+    there: list[str] = []
+    with _writing(path), suppress(FileNotFoundError):
         there = sorted(child.name for child in Path(path).iterdir())
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise _cannot_write(path, error) from error
     known = frozenset(names)  # thousands of files, where they are many
     others = [name for name in there if name not in known and not any(fnmatchcase(name, pattern) for pattern in names)]
     if others or (there and names[0] not in there):
@@ -194,15 +181,11 @@ def _remove(sibling: Path) -> None:
 def _output_file(path: str | os.PathLike[str]) -> Path:
     """Return the file to write, behind symbolic links; FileError if a folder, a device or a FIFO stands there."""
     target = _behind_links(Path(path))
-    try:
+    with _writing(path), suppress(FileNotFoundError):
         mode = target.stat().st_mode
-    except FileNotFoundError:
-        return target
-    except OSError as error:
-        raise _cannot_write(path, error) from error
-    if not stat.S_ISREG(mode):
-        kind = "the folder" if stat.S_ISDIR(mode) else "a FIFO, socket or device:"
-        raise FileError(f"Expected a file to write, got {kind} {path}. Name a file.")
+        if not stat.S_ISREG(mode):
+            kind = "the folder" if stat.S_ISDIR(mode) else "a FIFO, socket or device:"
+            raise FileError(f"Expected a file to write, got {kind} {path}. Name a file.")
     return target
 
 
@@ -214,8 +197,13 @@ def _behind_links(path: Path) -> Path:
         return path
 
 
-def _cannot_write(path: str | os.PathLike[str], error: Exception) -> FileError:
-    return FileError(
-        f"Expected to be able to write {path}, got: {getattr(error, 'strerror', None) or error}."
-        " Check the folder, its permissions and the free disk space; nothing was written."
-    )
+@contextmanager
+def _writing(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn errors of the operating system into FileError."""
+    try:
+        yield
+    except OSError as error:
+        raise FileError(
+            f"Expected to be able to write {path}, got: {getattr(error, 'strerror', None) or error}."
+            " Check the folder, its permissions and the free disk space; nothing was written."
+        ) from error
