@@ -34,6 +34,16 @@ def test_every_voxel_has_its_normal_and_no_product_is_larger_than_its_bound(poin
     assert (total >= 64.0 * squares.sum(axis=1) - 1e-9).all() and (total <= 64.0 * squares.sum(axis=1) + 2.0).all()
 
 
+def test_a_grid_that_reaches_into_another_tile_holds_its_voxels_too():
+    points = np.random.default_rng(1).uniform([20.0, -9.0, 0.0], [80.0, 9.0, 3.0], (5000, 3))
+    tiles = PointMap.from_points(points, np.tile([1.0, 0.0, 0.0], (5000, 1)), 0.12)  # of 61.44 m
+    grid = tiles.normals_around(50.0, 0.0, 10.0, (0.0, 3.0))
+    voxels = tiles.all_voxels()[0] - grid.low
+    is_in = ((voxels >= 0) & (voxels < np.array(grid.shape[::-1]))).all(axis=1)
+    assert np.count_nonzero(grid.normals[:, 0]) == is_in.sum() > 0
+    assert ((voxels[is_in] + grid.low)[:, 0] * 0.12 > 61.44).any()
+
+
 def test_the_grid_is_kept_while_it_covers_what_is_asked_for(point_map):
     grid = point_map.normals_around(3.0, -5.0, 20.0, (1.0, 7.0))
     assert point_map.normals_around(2.0, -4.0, 15.0, (2.0, 6.0)) is grid

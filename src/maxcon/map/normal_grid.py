@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,8 +14,9 @@ from maxcon.geometry.arrays import read_only_view
 from maxcon.map.layout import ROW_BLOCK
 from maxcon.map.tile import VoxelTile
 
-HEIGHT_STEP = 3.0
-"""Grids begin and end at multiples of this height, m: the next epoch of a drive finds its own in the same grid."""
+STEP, HEIGHT_STEP = 15.0, 3.0
+"""Grids begin and end at multiples of these, along x and y and in height, m: the epochs that follow find their own in
+the same grid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,17 +65,13 @@ class NormalGrid:
 
 
 def grid_extent(
-    cell: float, tile_voxels: int, x: float, y: float, reach: float, z: tuple[float, float]
+    cell: float, x: float, y: float, reach: float, z: tuple[float, float]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last index (x, y, z) of the voxels within whole tiles and steps of height around a place.
+    """First and last index (x, y, z) of the voxels within whole steps around a place.
 
-    cell: edge of a voxel, m; tile_voxels: of them along the edge of a tile; reach: along x and y around (x, y), m; z:
-    lowest and highest, m. Local frame.
+    cell: edge of a voxel, m; reach: along x and y around (x, y), m; z: lowest and highest, m. Local frame.
     """
-    tile = tile_voxels * cell
-    low_x, low_y, high_x, high_y = (math.floor(each / tile) for each in (x - reach, y - reach, x + reach, y + reach))
-    step = max(1, round(HEIGHT_STEP / cell))
-    low_z, high_z = (math.floor(each / (step * cell)) for each in z)
-    low = np.array([low_x * tile_voxels, low_y * tile_voxels, low_z * step], np.int64)
-    end = np.array([(high_x + 1) * tile_voxels, (high_y + 1) * tile_voxels, (high_z + 1) * step], np.int64)
-    return low, end - 1
+    steps = np.maximum(1, np.round(np.array([STEP, STEP, HEIGHT_STEP]) / cell)).astype(np.int64)
+    low, high = np.array([x - reach, y - reach, z[0]]), np.array([x + reach, y + reach, z[1]])
+    first, last = (np.floor(each / (steps * cell)).astype(np.int64) for each in (low, high))
+    return first * steps, (last + 1) * steps - 1

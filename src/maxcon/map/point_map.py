@@ -203,10 +203,12 @@ class PointMap:
 
         Local frame, m. The last grid is kept: the next epoch of a drive needs the same one.
         """
-        low, high = grid_extent(self.cell, self.tile_voxels, x, y, reach, z)
+        low, high = grid_extent(self.cell, x, y, reach, z)
         kept = self._normal_grid
         if kept is None or not kept.covers(low, high):
-            kept = self._normal_grid = NormalGrid.of(self.tiles_within(x, y, reach), self.cell, low, high)
+            corners = np.array([low, high + 1])[:, :2] * self.cell
+            (mid_x, mid_y), half_width = corners.mean(axis=0).tolist(), float(np.ptp(corners, axis=0).max()) / 2.0
+            kept = self._normal_grid = NormalGrid.of(self.tiles_within(mid_x, mid_y, half_width), self.cell, low, high)
         return kept
 
     @property

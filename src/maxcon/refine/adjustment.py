@@ -33,9 +33,9 @@ class Pass(NamedTuple):
 
 # From large cells, which are off by up to a metre and 1.6 degrees: few points, and distant partners at first.
 FROM_LARGE_CELLS = (
-    Pass(9, 5, gate=1.0, every=8),
-    Pass(9, 5, gate=1.0, every=8),
-    Pass(9, 5, gate=0.6, every=8),
+    Pass(9, 5, gate=1.0, every=12),
+    Pass(9, 5, gate=1.0, every=12),
+    Pass(9, 5, gate=0.6, every=12),
     Pass(5, 3, gate=0.36, every=8),
     Pass(5, 3, gate=0.21, every=8),
 )
