@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from maxcon._system import Progress
 from maxcon._system.atomic import atomic_file
 from maxcon.errors import OptionError
-from maxcon.export.placed_scans import RESOLUTION
+from maxcon.export.placed_scans import las_writer
 from maxcon.geometry import LocalFrame
-from maxcon.io.clouds.laz import laz_as_os_error
-from maxcon.io.crs import metric_crs
 from maxcon.map.ground import GroundTile, ground_voxels
 from maxcon.map.manifest import Manifest, read_manifest
 from maxcon.map.point_map import stored_ground, stored_tiles
@@ -93,29 +91,13 @@ def _points_of_ground(tile: GroundTile, edge: float, frame: LocalFrame) -> NDArr
 
 
 def _write_las(path: Path, points: Iterator[NDArray[np.void]], manifest: Manifest) -> None:
-    import laspy
-    import pyproj
-
-    header = laspy.LasHeader(version="1.4", point_format=6)
-    header.scales, header.offsets = np.full(3, RESOLUTION), np.floor(manifest.origin)
-    names = {f"n{axis}": f"Normal{axis.upper()}" for axis in "xyz"} | {"count": "count", "change": "change"}
-    header.add_extra_dims([laspy.ExtraBytesParams(name, POINT[field]) for field, name in names.items()])
-    if manifest.crs is not None:
-        header.add_crs(pyproj.CRS.from_user_input(metric_crs(manifest.crs)))
-    with (
-        atomic_file(path) as partial,
-        partial.open("wb") as stream,
-        laz_as_os_error(),
-        laspy.open(stream, "w", header=header, do_compress=path.suffix.lower() == ".laz", closefd=False) as writer,
-    ):
+    names = {f"Normal{axis.upper()}": f"n{axis}" for axis in "xyz"} | {"count": "count", "change": "change"}
+    with las_writer(
+        path, manifest.origin, manifest.crs, [(name, POINT[field]) for name, field in names.items()]
+    ) as write:
         for some in points:
-            record = laspy.ScaleAwarePointRecord.zeros(len(some), header=header)
-            record.x, record.y, record.z = some["x"], some["y"], some["z"]
-            record.classification[:] = some["class"]
-            record.return_number[:] = record.number_of_returns[:] = 1
-            for field, name in names.items():
-                record[name] = some[field]
-            writer.write_points(record)
+            fields = {name: some[field] for name, field in names.items()}
+            write(np.column_stack([some[axis] for axis in "xyz"]), classification=some["class"], **fields)
 
 
 def _write_ply(path: Path, points: Iterator[NDArray[np.void]], manifest: Manifest) -> None:

@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: MIT
 """LAZ of the scans of a drive, placed in the map where they were localized."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from maxcon._system.atomic import atomic_file
 from maxcon.errors import TrajectoryError
@@ -32,31 +35,47 @@ def write_placed_scans(
     LAS 1.4, point format 6: gps_time is the time of the epoch, or of the point where it is known, s as in the table;
     point_source_id is the number of the epoch, counted on from 0 after 65,535. One epoch is in memory at a time.
     """
+    epochs, n_points = list(_epochs(rows, scans)), 0
+    with las_writer(path, epochs[0][2].position, crs) as write:
+        for row, epoch, pose in epochs:
+            raw = scans.read(epoch, min_range, max_range)
+            times = row.time + (np.zeros(len(raw.points)) if raw.point_times is None else raw.point_times)
+            write(pose.apply(raw.points), gps_time=times, point_source_id=epoch % MAX_SOURCES)
+            n_points += len(raw.points)
+    return n_points
+
+
+@contextmanager
+def las_writer(
+    path: Path, origin: ArrayLike, crs: str | None, extra: Sequence[tuple[str, Any]] = ()
+) -> Iterator[Callable[..., None]]:
+    """Yield what writes places, shape (n, 3), m, and their fields by name into a new LAZ or LAS 1.4, point format 6.
+
+    origin: somewhere near the points, m. extra: names and types of extra dimensions.
+    """
     import laspy
     import pyproj
 
-    epochs = list(_epochs(rows, scans))
     header = laspy.LasHeader(version="1.4", point_format=6)
-    header.scales = np.full(3, RESOLUTION)
-    header.offsets = np.floor(epochs[0][2].position)
-    header.add_crs(pyproj.CRS.from_user_input(metric_crs(crs)))
-    n_points = 0
+    header.scales, header.offsets = np.full(3, RESOLUTION), np.floor(origin)
+    header.add_extra_dims([laspy.ExtraBytesParams(name, kind) for name, kind in extra])
+    if crs is not None:
+        header.add_crs(pyproj.CRS.from_user_input(metric_crs(crs)))
+
+    def write(places: NDArray[np.float64], **fields: Any) -> None:
+        record = laspy.ScaleAwarePointRecord.zeros(len(places), header=header)
+        record.x, record.y, record.z = places.T
+        for name, values in {"return_number": 1, "number_of_returns": 1, **fields}.items():
+            record[name][:] = values
+        writer.write_points(record)
+
     with (
         atomic_file(path) as partial,
         partial.open("wb") as stream,
         laz_as_os_error(),
         laspy.open(stream, "w", header=header, do_compress=path.suffix.lower() == ".laz", closefd=False) as writer,
     ):
-        for row, epoch, pose in epochs:
-            raw = scans.read(epoch, min_range, max_range)
-            record = laspy.ScaleAwarePointRecord.zeros(len(raw.points), header=header)
-            record.x, record.y, record.z = pose.apply(raw.points).T
-            record.gps_time = row.time + (np.zeros(len(raw.points)) if raw.point_times is None else raw.point_times)
-            record.point_source_id[:] = epoch % MAX_SOURCES
-            record.return_number[:] = record.number_of_returns[:] = 1
-            writer.write_points(record)
-            n_points += len(raw.points)
-    return n_points
+        yield write
 
 
 def _epochs(rows: Sequence[PoseRow], scans: Scans) -> Iterator[tuple[PoseRow, int, Pose]]:
