@@ -34,7 +34,7 @@ from maxcon.refine import fit_ground_plane
 from maxcon.relocalization import Relocalizer, kernels
 from maxcon.relocalization.coarse_filter import HEADINGS, PARTS, STEP_DEG, CoarseScan, filter_cells
 from maxcon.relocalization.kernels import REGION
-from maxcon.relocalization.relocalizer import COARSE
+from maxcon.relocalization.relocalizer import THINNING
 
 WITHIN, WITHIN_DEG = 0.3, 1.0
 # A large cell, or one beside it, is as good as large cells are.
@@ -80,7 +80,7 @@ def relocalized(epoch, relocalizer, points, truth):
 def without_bins(points):
     """What is counted without regard to which way surfaces face."""
     scan = Scan(points)
-    coarse = CoarseScan.of(scan.thinned(COARSE.thinning), fit_ground_plane(scan))
+    coarse = CoarseScan.of(scan.thinned(THINNING), fit_ground_plane(scan))
     return CoarseScan(coarse.points, np.zeros_like(coarse.normals))
 
 
@@ -93,22 +93,20 @@ def pose_of(cell, edge):
 def coarse(epoch, regions, points, truth):
     """The best large cell by count alone, by branch and bound."""
     found, milliseconds = timed(lambda: filter_cells(without_bins(points), regions, 1.0))
-    return row(epoch, "count, bounds", "", pose_of(found.cells[0], regions.tiles.cell), truth, milliseconds)
+    return row(epoch, "count, bounds", "", pose_of(found.cells[0], regions.map.cell), truth, milliseconds)
 
 
 def best_of_all(scan, regions):
     """The best large cell by count alone, by counting all."""
-    turned, best, cell = scan.turned(HEADINGS, regions.tiles.cell), -1, None
-    for key in regions.keys:
-        region = regions.load(key)
-        squares = 2 * np.argwhere(region.is_allowed.reshape(REGION // 2, 2, REGION // 2, 2).any(axis=(1, 3)))
+    turned, best, cell = scan.turned(HEADINGS, regions.map.cell), -1, None
+    for key, is_standable in regions.allowed.items():
+        bins = regions.map.region(key).bins
+        squares = 2 * np.argwhere(is_standable.reshape(REGION // 2, 2, REGION // 2, 2).any(axis=(1, 3)))
         for heading in range(len(HEADINGS)):
             nodes = np.column_stack([np.full(len(squares), heading), squares])
             cells, counts = nodes[:, None] + PARTS, np.empty((len(nodes), 4), np.uint16)
-            kernels.count_children(
-                region.voxels.bins, turned.layers, turned.columns, turned.bins, nodes, 1, region.margin, counts
-            )
-            is_allowed = region.is_allowed[cells[..., 1], cells[..., 2]]
+            kernels.count_children(bins, *turned, nodes, 1, regions.map.margin, counts)
+            is_allowed = is_standable[cells[..., 1], cells[..., 2]]
             cells, counts = cells[is_allowed], counts[is_allowed]
             if counts.max() > best:
                 best = counts.max()
@@ -119,7 +117,7 @@ def best_of_all(scan, regions):
 def exhaustive(epoch, regions, points, truth):
     """The same cell by counting all."""
     cell, milliseconds = timed(lambda: best_of_all(without_bins(points), regions))
-    return row(epoch, "count, exhaustive", "", pose_of(cell, regions.tiles.cell), truth, milliseconds)
+    return row(epoch, "count, exhaustive", "", pose_of(cell, regions.map.cell), truth, milliseconds)
 
 
 def print_rows(rows, title):
@@ -158,7 +156,7 @@ def main():
     rng, whole, rows = np.random.default_rng(29), Relocalizer(point_map), []
     regions = whole.coarse
     n_places = whole.n_cells // round(360 / STEP_DEG)
-    print(f"{whole.n_cells:,} large cells, {n_places:,} places in {len(regions.keys)} regions")
+    print(f"{whole.n_cells:,} large cells, {n_places:,} places in {len(regions.allowed)} regions")
     epochs = np.unique(np.linspace(0, len(scans) - 1, options.epochs).round().astype(int)).tolist()
     relocalized(-1, whole, scans.read(epochs[0], 1.0, 120.0).points, None)  # compiles, reads the map
     for number, epoch in enumerate(epochs):

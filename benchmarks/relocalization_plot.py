@@ -22,7 +22,7 @@ from maxcon.refine import fit_ground_plane
 from maxcon.relocalization import Relocalizer
 from maxcon.relocalization.coarse_filter import CoarseScan, filter_cells
 from maxcon.relocalization.kernels import REGION
-from maxcon.relocalization.relocalizer import COARSE, COARSE_RATIO
+from maxcon.relocalization.relocalizer import COARSE_RATIO, THINNING
 
 COLOURS = {"localized": "#0072b2", "ambiguous": "#d98a00"}
 WALL, GROUND, FOUND = "#4a4a4a", "#e3e9ef", "#c2185b"
@@ -30,17 +30,16 @@ WALL, GROUND, FOUND = "#4a4a4a", "#e3e9ef", "#c2185b"
 
 def backdrop(axes, relocalizer):
     """Walls, and the cells in which a scanner may stand."""
-    regions, edge = relocalizer.coarse, relocalizer.coarse.tiles.cell
-    for key in regions.keys:
-        region = regions.load(key)
-        left, low = (first * edge for first in region.first)
+    regions, edge = relocalizer.coarse, relocalizer.coarse.map.cell
+    for key, is_allowed in regions.allowed.items():
+        left, low = (first * REGION * edge for first in key)
         extent = (left, left + REGION * edge, low, low + REGION * edge)
-        allowed = np.where(region.is_allowed, 1.0, np.nan)
+        allowed = np.where(is_allowed, 1.0, np.nan)
         axes.imshow(
             allowed, origin="lower", extent=extent, cmap=plt.matplotlib.colors.ListedColormap([GROUND]), zorder=0
         )
-        inside = slice(region.margin, region.margin + REGION)
-        y, x = np.nonzero(region.voxels.bins[1:, inside, inside].any(axis=0))
+        inside = slice(regions.map.margin, regions.map.margin + REGION)
+        y, x = np.nonzero(regions.map.region(key).bins[1:, inside, inside].any(axis=0))
         axes.plot(left + (x + 0.5) * edge, low + (y + 0.5) * edge, ",", color=WALL, alpha=0.5, zorder=1)
 
 
@@ -62,9 +61,9 @@ def draw_answers(axes, rows):
 
 def draw_candidates(axes, relocalizer, scan, row):
     """Large cells that one scan leaves open."""
-    coarse = CoarseScan.of(scan.thinned(COARSE.thinning), fit_ground_plane(scan))
+    coarse = CoarseScan.of(scan.thinned(THINNING), fit_ground_plane(scan))
     found = filter_cells(coarse, relocalizer.coarse, COARSE_RATIO)
-    places = (found.cells[::-1, [2, 1]] + 0.5) * relocalizer.coarse.tiles.cell
+    places = (found.cells[::-1, [2, 1]] + 0.5) * relocalizer.coarse.map.cell
     drawn = axes.scatter(
         *places.T, c=found.counts[::-1] / found.counts[0], s=9, cmap="viridis_r", vmin=COARSE_RATIO, vmax=1.0, zorder=3
     )

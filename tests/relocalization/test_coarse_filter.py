@@ -14,13 +14,14 @@ from maxcon.relocalization.coarse_filter import (
     HEADINGS,
     STEP_DEG,
     CoarseScan,
+    Regions,
     count_all,
     counts_of_region,
     filter_cells,
 )
-from maxcon.relocalization.coarse_map import Area, CoarseTiles, Regions
+from maxcon.relocalization.coarse_map import Area, CoarseMap
 from maxcon.relocalization.kernels import REGION
-from maxcon.relocalization.relocalizer import COARSE, MOST_COARSE, SAME_COARSE, SAME_COARSE_DEG
+from maxcon.relocalization.relocalizer import CELL, MOST_COARSE, SAME_COARSE, SAME_COARSE_DEG
 
 FEW = HEADINGS[::15]
 T_GROUND_SENSOR = Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0)
@@ -34,7 +35,7 @@ def coarse_scan(town, truth, seed, n_points, thinning=2.0):
 
 
 def regions_of(point_map):
-    return Regions(CoarseTiles(point_map, COARSE))
+    return Regions(CoarseMap(point_map, CELL))
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -79,7 +80,7 @@ def test_it_finds_the_cells_and_counts_of_the_definition(towns, number, seed, ra
 def test_it_does_so_in_a_circle(towns):
     town, regions = towns[1]
     scan = coarse_scan(town, town.pose(125.0, -15.0, 0.5), 5, 60)
-    found = assert_as_defined(scan, regions.within(Area(140.0, -10.0, 9.0)), 0.5)
+    found = assert_as_defined(scan, Regions(regions.map, Area(140.0, -10.0, 9.0)), 0.5)
     places = (found.cells[:, [2, 1]] + 0.5) * 0.96
     assert len(found)
     assert (np.hypot(*(places - [140.0, -10.0]).T) <= 9.0).all()
@@ -97,9 +98,9 @@ def test_without_room_for_all_it_keeps_the_highest_and_says_how_high_others_come
 
 
 def test_room_for_more_cells_than_the_places_that_are_followed_can_have():
-    away, turns = int(SAME_COARSE / COARSE.cell), int(SAME_COARSE_DEG / STEP_DEG)
+    away, turns = int(SAME_COARSE / CELL), int(SAME_COARSE_DEG / STEP_DEG)
     steps = np.arange(-away, away + 1)
-    n_near = (np.hypot(*np.meshgrid(steps, steps)) * COARSE.cell <= SAME_COARSE).sum() * (2 * turns + 1)
+    n_near = (np.hypot(*np.meshgrid(steps, steps)) * CELL <= SAME_COARSE).sum() * (2 * turns + 1)
     assert (MOST_COARSE + 1) * n_near < coarse_filter.MOST_KEPT  # so that it changes no answer
 
 
@@ -116,7 +117,7 @@ def a_wall(normal):
 def test_a_point_counts_where_the_voxel_it_falls_in_has_its_orientation(normal, counted):
     scan = CoarseScan(np.array([[10.0 * 0.96, 0.0, 1.5]]), np.array([normal]))
     regions = regions_of(a_wall((-1.0, 0.0, 0.0)))
-    counts = counts_of_region(scan, regions.load((0, 0)), regions.tiles.cell)
+    counts = counts_of_region(scan, regions, (0, 0))
     ahead = len(FEW) // 2
     assert counts[ahead, 0, 0] == counted
     assert counts[ahead, 0, 1] == 0  # a cell farther on the point falls beyond the wall

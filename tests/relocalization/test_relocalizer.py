@@ -12,7 +12,7 @@ from maxcon import PointMap, Scan, Status, Trust
 from maxcon.errors import MapError, OptionError
 from maxcon.lab.evaluation import pose_error
 from maxcon.relocalization import Relocalizer
-from maxcon.relocalization.coarse_map import CoarseTiles
+from maxcon.relocalization.coarse_map import CoarseMap
 from maxcon.relocalization.relocalizer import _words
 
 
@@ -81,7 +81,7 @@ def test_a_scan_of_another_town_is_not_localized(relocalizer):
 
 
 def test_in_a_circle_without_the_true_place_it_is_not_localized(town, relocalizer, monkeypatch):
-    monkeypatch.setattr(CoarseTiles, "__init__", lambda *_: pytest.fail("tiles are made anew"))
+    monkeypatch.setattr(CoarseMap, "__init__", lambda *_: pytest.fail("tiles are made anew"))
     with pytest.raises(OptionError, match="radius"):
         relocalizer.within((10.0, 0.0), -1.0)
     scan = town.scan(town.pose(20.0, 20.0, 0.4), 5)
@@ -134,7 +134,7 @@ def test_maps_that_are_refused(town):
 def test_of_any_map_candidates_are_counted_again_in_cells_half_as_large(cell):
     low = [[0.1, 0.1, 0.0]]
     relocalizer = Relocalizer(PointMap.from_points(low, [[0.0, 0.0, 1.0]], cell, ground=low))
-    assert relocalizer._half.tiles.cell == pytest.approx(0.5 * relocalizer.coarse.tiles.cell)
+    assert relocalizer._half.cell == pytest.approx(0.5 * relocalizer.coarse.map.cell)
 
 
 @pytest.mark.parametrize("options", [{"radius": 0.0}, {"radius": math.nan}, {"n_threads": 0}, {"risk": 1.0}])

@@ -85,7 +85,7 @@ class GrowingTable:
             occupancy, layers = tile.occupancy, tile.layer_numbers
             lowest = int(tile.index.layers[0]) if len(layers) else 0
             self._rows[tile.key] = self._sizes[ROWS] + len(parts[ROWS])
-            columns = (
+            columns: tuple[NDArray[Any], ...] = (
                 np.array([[lowest, len(layers), n_layers, occupancy.held.shape[2], n_held]]),
                 layers,
                 occupancy.held.reshape(-1),

@@ -8,65 +8,51 @@
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose, wrap_angle
+from maxcon.map import TileKey
 from maxcon.relocalization import kernels
-from maxcon.relocalization.coarse_map import ANY_BIN, BIN_WIDTH, HIGHEST, N_BINS, REACH, Region, Regions
+from maxcon.relocalization.coarse_map import ANY_BIN, BIN_WIDTH, HIGHEST, N_BINS, REACH, Area, CoarseMap, blocks_of
 from maxcon.relocalization.kernels import BLOCK, N_BLOCKS, REGION
 from maxcon.scan import Scan
 from maxcon.search.accumulator import upright
 
 STEP_DEG = 2.0
-HEADINGS = np.radians(np.arange(-180.0, 180.0, STEP_DEG))
-"""Headings that are tried, rad."""
+HEADINGS = np.radians(np.arange(-180.0, 180.0, STEP_DEG))  # that are tried, rad
 HALF_HEADINGS = np.radians(np.arange(-180.0, 180.0, 0.5 * STEP_DEG))
-# Points lower than this above the scan's ground do not take part, m: what is there may be the ground itself.
-LOWEST = 0.4
-# A point of the scan has an orientation bin where its normal is within 60 degrees of horizontal.
-LEAST_HORIZONTAL = 0.5
-# Squares that are split at a time: few at first, as a good count rules out most others.
-FIRST_SPLIT, MOST_SPLIT = 256, 2**16
-MOST_KEPT = 2**15
-"""Cells that are kept at most, the highest: more than all those of the places that are followed afterwards."""
-PARTS = np.array([[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1]])
-"""The four parts of a square, (heading, y, x)."""
+LOWEST = 0.4  # m above the scan's ground: lower points do not take part, as they may be the ground itself
+LEAST_HORIZONTAL = 0.5  # a point has an orientation bin where its normal is within 60 degrees of horizontal
+FIRST_SPLIT, MOST_SPLIT = 256, 2**16  # squares split at a time: few at first, as a good count rules out most others
+MOST_KEPT = 2**15  # cells at most, the highest: more than all those of the places that are followed afterwards
+PARTS = np.array([[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1]])  # the four parts of a square, (heading, y, x)
 # `recount`: squares of 2 x 2 cells around the middle of a large cell, (heading, y, x), and their cells in index order.
 SQUARES = np.array(list(product(range(-2, 3), (-1, 1), (-1, 1))))
 IN_ORDER = np.lexsort((SQUARES[:, None] + PARTS).reshape(-1, 3).T[::-1])
 
-Nodes = NDArray[np.int64]
-"""Cells or squares (m, 3): heading, first cell (y, x)."""
+Nodes = NDArray[np.int64]  # cells or squares (m, 3): heading, first cell (y, x)
 Counts = NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TurnedScan:
-    """Points of a scan at some headings, in voxels.
+class TurnedScan(NamedTuple):
+    """Points of a scan at some headings, in voxels."""
 
-    layers: shape (n,), int64; height of each point above the ground.
-    columns: shape (h, n, 2), int32; (x, y) from the cell in whose middle the scanner stands to that of the point.
-    bins: shape (h, n), uint8; number of the bit that a voxel must have to match: that of the point's orientation.
-    """
-
-    layers: NDArray[np.int64]
-    columns: NDArray[np.int32]
-    bins: NDArray[np.uint8]
+    layers: NDArray[np.int64]  # (n,): height of each point above the ground
+    columns: NDArray[np.int32]  # (h, n, 2): (x, y) from the cell in whose middle the scanner stands to the point's
+    bins: NDArray[np.uint8]  # (h, n): number of the bit of its orientation, which a voxel must have to match
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoarseScan:
-    """Points of a scan that take part, with roll and pitch applied, from the ground up.
+    """Points of a scan that take part, with roll and pitch applied, from the ground up."""
 
-    points: shape (n, 3); x and y about the scanner, z above the ground, m.
-    normals: shape (n, 3); same axes, zeros for none.
-    """
-
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
+    points: NDArray[np.float64]  # (n, 3): x and y about the scanner, z above the ground, m
+    normals: NDArray[np.float64]  # (n, 3): same axes, zeros for none
 
     @classmethod
     def of(cls, scan: Scan, T_ground_sensor: Pose) -> "CoarseScan":
@@ -99,27 +85,38 @@ class CoarseScan:
         return TurnedScan(np.floor(z / cell).astype(np.int64), columns, bins.astype(np.uint8))
 
 
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """The regions of a map that are searched: in an area, if there is one, as far as a scanner may stand there."""
+
+    map: CoarseMap
+    area: Area | None = None
+
+    @cached_property
+    def allowed(self) -> dict[TileKey, NDArray[np.bool_]]:
+        """Whether a scanner may stand in each cell of each region where it may in any: see `CoarseMap.allowed`."""
+        return self.map.allowed(self.area)
+
+    @cached_property
+    def n_cells(self) -> int:
+        """Cells, of all headings, in which a scanner may stand."""
+        return sum(int(each.sum()) for each in self.allowed.values()) * len(HEADINGS)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CountedCells:
-    """Cells in which a scan may have been taken, the highest count first.
+    """Cells in which a scan may have been taken, the highest count first."""
 
-    cells: shape (n, 3), int64; (heading, y, x): number of the heading, index of the cell in the local frame.
-    counts: shape (n,), int64; points that match there.
-    left_out: ratio to the highest count that none of the other cells reaches.
-    headings: shape (h,); rad.
-    edge: of a cell, m.
-    """
-
-    cells: Nodes
-    counts: Counts
-    left_out: float
-    headings: NDArray[np.float64]
-    edge: float
+    cells: Nodes  # (n, 3): (heading, y, x): number of the heading, index of the cell in the local frame
+    counts: Counts  # (n,): points that match there
+    left_out: float  # ratio to the highest count that none of the other cells reaches
+    headings: NDArray[np.float64]  # (h,): rad
+    edge: float  # of a cell, m
 
     @classmethod
     def sorted(cls, cells: Nodes, counts: Counts, left_out: float, edge: float) -> "CountedCells":
         """Put large cells in order: the first in index order where counts are the same."""
-        order = np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0], -counts))
+        order = in_order(cells, counts)
         return cls(cells[order], counts[order], left_out, HEADINGS, edge)
 
     def __len__(self) -> int:
@@ -154,25 +151,30 @@ class CountedCells:
         return replace(self, cells=self.cells[kept], counts=self.counts[kept], left_out=left_out)
 
 
-def counts_of_region(scan: CoarseScan, region: Region, cell: float) -> NDArray[np.int32]:
+def in_order(cells: Nodes, counts: Counts) -> NDArray[np.intp]:
+    """Order of cells, the highest count first, then by their indices."""
+    return np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0], -counts))
+
+
+def counts_of_region(scan: CoarseScan, regions: Regions, key: TileKey) -> NDArray[np.int32]:
     """Points that match at each heading and cell of a region, shape (headings, REGION, REGION).
 
     Cells in which no scanner may stand have -1. A point matches where the voxel that it falls in has its orientation
     bin. The scanner stands in the middle of the cell.
     """
-    turned = scan.turned(HEADINGS, cell)
+    turned, voxels = scan.turned(HEADINGS, regions.map.cell), regions.map.region(key).bins
     counts = np.zeros((len(HEADINGS), REGION, REGION), np.int32)
     for heading in range(len(HEADINGS)):
-        columns = turned.columns[heading] + region.margin
+        columns = turned.columns[heading] + regions.map.margin
         for layer, (x, y), bit in zip(turned.layers, columns, turned.bins[heading], strict=True):
-            counts[heading] += (region.voxels.bins[layer, y : y + REGION, x : x + REGION] & (1 << int(bit))) != 0
-    counts[:, ~region.is_allowed] = -1
+            counts[heading] += (voxels[layer, y : y + REGION, x : x + REGION] & (1 << int(bit))) != 0
+    counts[:, ~regions.allowed[key]] = -1
     return counts
 
 
 def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> CountedCells:
     """Find every cell whose count reaches a ratio of the highest one: every cell at every heading is counted."""
-    counts = {key: counts_of_region(scan, regions.load(key), regions.tiles.cell) for key in regions.keys}
+    counts = {key: counts_of_region(scan, regions, key) for key in regions.allowed}
     best = max((int(each.max()) for each in counts.values()), default=0)
     cells, scores = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
     if best > 0:
@@ -180,43 +182,36 @@ def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> CountedCells:
             reaching = np.argwhere(each >= ratio * best)
             cells.append(reaching + np.array([0, key_y * REGION, key_x * REGION]))
             scores.append(each[tuple(reaching.T)].astype(np.int64))
-    return CountedCells.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.tiles.cell)
+    return CountedCells.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.map.cell)
 
 
 def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> CountedCells:
-    """Find every cell whose count reaches a ratio of the highest one: the same as `count_all` finds.
+    """Find every cell whose count reaches a ratio (above 0 to 1) of the highest one: the same as `count_all` finds.
 
     In each region, the bound of a block of 4 x 4 cells counts every point that matches at any cell of the block. Blocks
     that may reach the ratio of the best count so far, of all regions, are split into squares of 2 x 2 cells, the
-    highest bound first, and these into cells.
-
-    scan: the points to count.
-    regions: where a scanner may stand.
-    ratio: above 0, at most 1.
-    n_threads: threads that share headings and squares; what is found does not depend on their number (D8).
-    Returns at most the `MOST_KEPT` highest cells; then `left_out` says how high the others may count.
+    highest bound first, and these into cells. Threads share headings and squares; what is found does not depend on
+    their number (D8). At most the `MOST_KEPT` highest cells are found; then `left_out` says how high others may count.
     """
     with ThreadPoolExecutor(n_threads) as pool:
-        search = _Filter(scan.turned(HEADINGS, regions.tiles.cell), ratio, pool, n_threads)
+        search = _Filter(regions, scan.turned(HEADINGS, regions.map.cell), ratio, pool, n_threads)
         blocks = {}
-        for key in regions.keys:
-            region = regions.load(key)
-            nodes, bounds = search.blocks(region)
-            search.split(region, nodes[:FIRST_SPLIT], bounds[:FIRST_SPLIT])
+        for key in regions.allowed:
+            nodes, bounds = search.blocks(key)
+            search.split(key, nodes[:FIRST_SPLIT], bounds[:FIRST_SPLIT])
             blocks[key] = nodes[FIRST_SPLIT:], bounds[FIRST_SPLIT:]
         for key in sorted(blocks, key=lambda key: (-blocks[key][1].max(initial=0), key)):
-            nodes, bounds = search.open(*blocks.pop(key))
-            if len(nodes):
-                search.split(regions.load(key), nodes, bounds)
+            search.split(key, *search.open(*blocks.pop(key)))
     search.drop()
     left_out = max(ratio, search.dropped / search.best) if search.best else ratio
-    return CountedCells.sorted(search.cells[0], search.counts[0], left_out, regions.tiles.cell)
+    return CountedCells.sorted(search.cells[0], search.counts[0], left_out, regions.map.cell)
 
 
 @dataclass(eq=False)
 class _Filter:
     """Cells found so far, the best count, and the highest count that was dropped for lack of room."""
 
+    regions: Regions
     turned: TurnedScan
     ratio: float
     pool: ThreadPoolExecutor
@@ -237,22 +232,20 @@ class _Filter:
         reaches = counts >= max(self.ratio * self.best, 1.0)
         cells, counts = cells[reaches], counts[reaches]
         if len(counts) > MOST_KEPT:
-            order = np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0], -counts))
+            order = in_order(cells, counts)
             self.dropped = max(self.dropped, int(counts[order[MOST_KEPT]]))
             cells, counts = cells[order[:MOST_KEPT]], counts[order[:MOST_KEPT]]
         self.cells, self.counts = [cells], [counts]
 
-    def blocks(self, region: Region) -> tuple[Nodes, Counts]:
-        """Blocks that may hold cells to be kept, the highest bound first, and their bounds."""
+    def blocks(self, key: TileKey) -> tuple[Nodes, Counts]:
+        """Blocks of a region that may hold cells to be kept, the highest bound first, and their bounds."""
         bounds = np.zeros((len(HEADINGS), N_BLOCKS, N_BLOCKS), np.uint16)
-        least, turned, rows = math.ceil(self.least), self.turned, region.rows
+        blocks, rows = self.regions.map.region(key).blocks, blocks_of(self.regions.allowed[key])
+        least, (layers, columns, bins), margin = math.ceil(self.least), self.turned, self.regions.map.margin
 
         def bound(some: NDArray[np.int64]) -> None:
             part = slice(int(some[0]), int(some[-1]) + 1)
-            kernels.bound_blocks(
-                region.voxels.blocks, turned.layers, turned.columns[part], turned.bins[part], rows, region.margin,
-                least, bounds[part],
-            )  # fmt: skip
+            kernels.bound_blocks(blocks, layers, columns[part], bins[part], rows, margin, least, bounds[part])
 
         n_parts = min(self.n_threads, len(HEADINGS))
         list(self.pool.map(bound, np.array_split(np.arange(len(HEADINGS)), n_parts)))
@@ -261,15 +254,15 @@ class _Filter:
         order = np.argsort(-found, kind="stable")
         return nodes[order] * np.array([1, BLOCK, BLOCK]), found[order]
 
-    def split(self, region: Region, nodes: Nodes, bounds: Counts) -> None:
-        """Split blocks, the highest bounds first, and keep the cells that may reach the ratio."""
-        at_once, place = FIRST_SPLIT, 0
+    def split(self, key: TileKey, nodes: Nodes, bounds: Counts) -> None:
+        """Split blocks of a region, the highest bounds first, and keep the cells that may reach the ratio."""
+        region, is_allowed, at_once, place = self.regions.map.region(key), self.regions.allowed[key], FIRST_SPLIT, 0
         while place < len(nodes) and bounds[place] >= self.least:
             some, _ = self.open(nodes[place : place + at_once], bounds[place : place + at_once])
-            halves, _ = self.open(*self._children(region, some, region.voxels.pooled, BLOCK // 2))
-            cells, counts = self._children(region, halves, region.voxels.bins, 1)
-            is_allowed = region.is_allowed[cells[:, 1], cells[:, 2]]
-            cells, counts = cells[is_allowed] + np.array([0, region.first[1], region.first[0]]), counts[is_allowed]
+            halves, _ = self.open(*self._parts(region.pooled, some, BLOCK // 2))
+            cells, counts = self._parts(region.bins, halves, 1)
+            kept = is_allowed[cells[:, 1], cells[:, 2]]
+            cells, counts = cells[kept] + np.array([0, key[1] * REGION, key[0] * REGION]), counts[kept]
             self.best = max(self.best, int(counts.max(initial=0)))
             cells, counts = self.open(cells, counts)
             self.cells.append(cells)
@@ -284,11 +277,12 @@ class _Filter:
         is_open = bounds >= self.least
         return nodes[is_open], bounds[is_open]
 
-    def _children(self, region: Region, nodes: Nodes, grid: NDArray[np.uint8], step: int) -> tuple[Nodes, Counts]:
+    def _parts(self, grid: NDArray[np.uint8], nodes: Nodes, step: int) -> tuple[Nodes, Counts]:
         """The four parts of each square, and a bound of the count of each."""
         size = max(1, -(-len(nodes) // self.n_threads))
         some = [nodes[k : k + size] for k in range(0, len(nodes), size)]
-        counts = list(self.pool.map(lambda part: _count_parts(grid, self.turned, part, step, region.margin), some))
+        margin = self.regions.map.margin
+        counts = list(self.pool.map(lambda part: _count_parts(grid, self.turned, part, step, margin), some))
         parts = nodes[:, None, :] + step * PARTS
         return parts.reshape(-1, 3), np.concatenate([np.empty(0, np.int64), *counts])
 
@@ -296,34 +290,28 @@ class _Filter:
 def _count_parts(grid: NDArray[np.uint8], turned: TurnedScan, nodes: Nodes, step: int, margin: int) -> Counts:
     """Count the matches of the four parts of squares of a region, one after the other, shape (4 m,)."""
     counts = np.empty((len(nodes), 4), np.uint16)
-    kernels.count_children(grid, turned.layers, turned.columns, turned.bins, nodes, step, margin, counts)
+    kernels.count_children(grid, *turned, nodes, step, margin, counts)
     return counts.reshape(-1).astype(np.int64)
 
 
-def recount(scan: CoarseScan, candidates: CountedCells, regions: Regions) -> CountedCells:
-    """Count the cells around large ones once more, in voxels of half the edge.
+def recount(scan: CoarseScan, candidates: CountedCells, half: CoarseMap) -> CountedCells:
+    """Count the cells around large ones once more, in voxels of half the edge, by a scan of more points.
 
-    scan: the scan, with more points than the coarse filter had.
-    candidates: large cells, at headings of `HEADINGS`.
-    regions: of half the edge.
     Returns for each candidate the best cell around it, the first in index order; the highest count first.
     """
     squares = (2 * candidates.cells + [0, 1, 1])[:, None, :] + SQUARES
     squares[..., 0] %= len(HALF_HEADINGS)
     used, heading = np.unique(squares[..., 0], return_inverse=True)
-    turned = scan.turned(HALF_HEADINGS[used], regions.tiles.cell)
+    turned = scan.turned(HALF_HEADINGS[used], half.cell)
     keys = (2 * candidates.cells[:, 1:] + 1) // REGION
     counts = np.empty((len(candidates), 4 * len(SQUARES)), np.int64)
     for key_y, key_x in np.unique(keys, axis=0).tolist():
         mine = (keys == [key_y, key_x]).all(axis=1)
-        region = regions.load((key_x, key_y))
         inside = squares[mine] - [0, key_y * REGION, key_x * REGION]
         inside[..., 0] = heading.reshape(squares.shape[:2])[mine]
-        found = _count_parts(region.voxels.bins, turned, inside.reshape(-1, 3), 1, region.margin)
+        found = _count_parts(half.region((key_x, key_y)).bins, turned, inside.reshape(-1, 3), 1, half.margin)
         counts[mine] = found.reshape(len(inside), -1)
     each, best = np.arange(len(candidates)), IN_ORDER[np.argmax(counts[:, IN_ORDER], axis=1)]
     cells = (squares[:, :, None, :] + PARTS).reshape(len(candidates), -1, 3)[each, best]
     order = np.argsort(-counts[each, best], kind="stable")
-    return CountedCells(
-        cells[order], counts[each, best][order], candidates.left_out, HALF_HEADINGS, regions.tiles.cell
-    )  # fmt: skip
+    return CountedCells(cells[order], counts[each, best][order], candidates.left_out, HALF_HEADINGS, half.cell)

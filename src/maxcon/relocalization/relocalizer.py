@@ -24,14 +24,17 @@ from maxcon.map import PointMap
 from maxcon.refine import fit_ground, fit_ground_plane, pose_above_ground, validate
 from maxcon.refine.adjustment import FROM_LARGE_CELLS, LAST_PASSES
 from maxcon.refine.candidates import Candidate, Scoring, adjusted_candidate, distinct
-from maxcon.relocalization.coarse_filter import HEADINGS, CoarseScan, CountedCells, filter_cells, recount
-from maxcon.relocalization.coarse_map import Area, CoarseTiles, Level, Regions
+from maxcon.relocalization.coarse_filter import CoarseScan, CountedCells, Regions, filter_cells, recount
+from maxcon.relocalization.coarse_map import Area, CoarseMap
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Multiplicity, SearchMethod, Weighting, check_threads
 from maxcon.search.objectives import Helmert
 
-COARSE = Level(0.96, 2.0)
-HALF = Level(0.48, 1.0)
+CELL = 0.96  # m, edge of large cells
+THINNING, HALF_THINNING = (
+    2.0,
+    1.0,
+)  # m, edges of the cubes of the thinned scan, in large cells and in half as large ones
 # Places that may reach this ratio to the best score are followed; less, where an answer is ambiguous from a lower ratio
 # on. For FOLLOWED, large cells that reach COARSE_RATIO of the highest count are kept, and half as large ones that reach
 # HALF_RATIO of theirs: true places reached these ratios.
@@ -43,10 +46,8 @@ MOST_COARSE, MOST_HALF = 512, 64
 SAME_COARSE, SAME_COARSE_DEG = 1.5, 4.5
 SAME_HALF, SAME_HALF_DEG = 0.8, 2.5
 SCORING = Scoring(Helmert(), Multiplicity.OCCUPIED, Weighting.COSINE)
-LEAST_SHARE = 0.1
-"""Least share of points that match: somewhere in a whole map a twentieth may match by chance."""
-# With fewer points above the ground than this nothing is searched.
-FEWEST_POINTS = 50
+LEAST_SHARE = 0.1  # of points that match: somewhere in a whole map a twentieth may match by chance
+FEWEST_POINTS = 50  # with fewer above the ground nothing is searched
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,20 +105,19 @@ class Relocalizer:
         self.n_threads = n_threads
         self.trust = trust or Trust(least_share=LEAST_SHARE)
         self.risk = risk
-        self.coarse = Regions(CoarseTiles(point_map, COARSE), self.area)
-        """Regions of large cells in which the scanner may stand."""
-        half = 0.5 * self.coarse.tiles.cell
+        self.coarse = Regions(CoarseMap(point_map, CELL), self.area)
+        half = 0.5 * self.coarse.map.cell
         if point_map.cell > 1.01 * half:
             raise MapError(
                 f"Expected voxels of up to half a metre, to search a map without a prior, got {point_map.cell:g} m."
                 " Build it anew with a smaller cell; 0.06 m is the default."
             )
-        self._half = Regions(CoarseTiles(point_map, replace(HALF, cell=half)))
+        self._half = CoarseMap(point_map, half)
 
     @property
     def n_cells(self) -> int:
         """Large cells, of all headings, in which a scanner may stand."""
-        return sum(self.coarse.n_allowed.values()) * len(HEADINGS)
+        return self.coarse.n_cells
 
     def check(self) -> None:
         """Raise a MapError if the map has no ground where the scanner may stand."""
@@ -129,7 +129,7 @@ class Relocalizer:
         """Return a relocalizer for a circle (`around`, `radius`) that shares what this one keeps of the map."""
         other = copy.copy(self)
         other.area = _area(around, radius)
-        other.coarse = self.coarse.within(other.area)
+        other.coarse = Regions(self.coarse.map, other.area)
         return other
 
     def localize(self, scan: Scan) -> Estimate:
@@ -153,7 +153,7 @@ class Relocalizer:
 
     def _candidates(self, scan: Scan, T_ground_sensor: Pose) -> tuple[CountedCells | None, int]:
         """Places left by cells of half a metre, the highest count first; and how many large cells left."""
-        few, many = (CoarseScan.of(scan.thinned(level.thinning), T_ground_sensor) for level in (COARSE, HALF))
+        few, many = (CoarseScan.of(scan.thinned(edge), T_ground_sensor) for edge in (THINNING, HALF_THINNING))
         if len(few) < FEWEST_POINTS:
             return None, 0
         coarse = filter_cells(few, self.coarse, COARSE_RATIO * self._followed / FOLLOWED, n_threads=self.n_threads)
@@ -190,7 +190,7 @@ class Relocalizer:
         best, area = rivals[0], self.area
         # In the outermost large cell of the circle.
         is_at_boundary = area is not None and (
-            math.hypot(best.pose.x - area.x, best.pose.y - area.y) > area.radius - self.coarse.tiles.cell
+            math.hypot(best.pose.x - area.x, best.pose.y - area.y) > area.radius - self.coarse.map.cell
         )
         search = CellSearch(
             SCORING.objective, SCORING.multiplicity, SCORING.weighting, SearchMethod.BRANCH_AND_BOUND, 0.0,
