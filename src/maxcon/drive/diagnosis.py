@@ -23,8 +23,7 @@ from maxcon.scan.trajectory import Trajectory
 LOWEST, HIGHEST = -5.0, 12.0
 """A sensor on a vehicle, and the errors of its receiver, lie between these above the ground, m."""
 REACH, N_POSES = 5.0, 50
-MOST_TRIED = 3
-"""Epochs; all of them must fit better."""
+MOST_TRIED = 3  # epochs; all of them must fit better
 CLEARLY, FEW_REFUSED = 1.05, 0.8
 """Ratio of the sums of their scores; and part of the epochs from which on a drive is localized as it should be."""
 WITHOUT_SEARCH = (Status.UNREADABLE, Status.NO_PRIOR, Status.OUTSIDE_MAP, Status.FAILED)
@@ -81,15 +80,11 @@ def _above_ground(point_map: PointMap, positions: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """Something that may be meant otherwise.
+    """Something that may be meant otherwise."""
 
-    words: what, and what to do about it, behind "would be localized ".
-    prior: the prior, local frame, if it is meant so.
-    points: of the scan, sensor frame, from those that were read, the prior and the origin of the map's local frame.
-    """
-
-    words: str
-    prior: Callable[[Pose], Pose] = lambda prior: prior
+    words: str  # what, and what to do about it, behind "would be localized "
+    prior: Callable[[Pose], Pose] = lambda prior: prior  # the prior, local frame, if it is meant so
+    # Of the scan, sensor frame, from those that were read, the prior and the origin of the map's local frame
     points: Callable[[Points, Pose, Points], Points] = lambda points, prior, origin: points
 
 

@@ -46,26 +46,19 @@ FARTHEST_REACH, LARGEST_TURN_DEG = 12.0, 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """One place where the sensor may be.
+    """One place where the sensor may be."""
 
-    anchor: where it was when a scan last agreed with it, or where a search found it.
-    evidence: its scores over those of the best hypothesis, multiplied over the way: at first the second best ratio of a
-        single epoch, and smaller with every metre on which it fits worse. The best one has 1.
-    motion: since the anchor, as one: errors of odometry add up over it, they do not cancel.
-    agreement: ratios of their points that scans matched here, added up over scans that agreed, up to `MOST_AGREEMENT`,
-        and halved with each scan that did not: so many whole scans lie on the map.
-    n_refused: scans in a row that did not, up to now.
-    estimate: what the search around it answered last.
-    usual_share: of their points that scans matched here, averaged over the last ones that agreed.
-    """
-
-    anchor: UncertainPose
+    anchor: UncertainPose  # where it was when a scan last agreed with it, or where a search found it
+    # Its scores over those of the best hypothesis, multiplied over the way: at first the second best ratio of a single
+    # epoch, and smaller with every metre on which it fits worse. The best one has 1.
     evidence: float = 1.0
-    motion: Motion = STANDSTILL
+    motion: Motion = STANDSTILL  # since the anchor, as one: errors of odometry add up over it, they do not cancel
+    # Ratios of their points that scans matched here, added up over scans that agreed, up to `MOST_AGREEMENT`, and
+    # halved with each scan that did not: so many whole scans lie on the map
     agreement: float = 0.0
-    n_refused: int = 0
-    estimate: Estimate | None = None
-    usual_share: float = 0.0
+    n_refused: int = 0  # scans in a row that did not, up to now
+    estimate: Estimate | None = None  # what the search around it answered last
+    usual_share: float = 0.0  # of their points that scans matched here, averaged over the last ones that agreed
 
     def moved(self, motion: Motion) -> "Hypothesis":
         """Return it after a motion."""

@@ -31,10 +31,8 @@ ADVICE = (
     "Give each a name (letters, digits, . _ + -: a folder is named by it), scans and, where needed, prior, map, times,"
     " odometry"
 )
-EPOCHS_PER_TASK = 32
-"""Neighbouring epochs need the same tiles; but all of a task are lost when its worker ends."""
-MOST_MAPS, MOST_DRIVES = 4, 2
-"""Most maps, and most drives, that a worker keeps open."""
+EPOCHS_PER_TASK = 32  # neighbouring epochs need the same tiles; but all of a task are lost when its worker ends
+MOST_MAPS, MOST_DRIVES = 4, 2  # most maps, and most drives, that a worker keeps open
 
 
 # --- the table of drives --------------------------------------------------------------------------------------

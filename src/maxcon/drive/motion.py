@@ -18,8 +18,7 @@ from maxcon.scan.trajectory import Trajectory
 # Of a heading that is wrong by s at the end of a motion and grew evenly or at random, the position at the end is
 # off by up to s / sqrt(3) of the way.
 WAY_OF_TURN = 1.0 / math.sqrt(3.0)
-PLANAR = [0, 1, 5]
-"""x, y and heading among x, y, z, roll, pitch and heading."""
+PLANAR = [0, 1, 5]  # x, y and heading among x, y, z, roll, pitch and heading
 
 
 def check_numbers(options: Any, *, may_be_zero: bool) -> None:

@@ -43,8 +43,7 @@ FORMATS = {
 """The columns, and how their numbers are rounded in POSES.csv: tenths of a millimetre, nanoradians; none of texts."""
 COLUMNS = tuple(FORMATS)
 OPTIONS, SOURCES = "_options.json", "_drives.json"
-LARGEST_HASHED = 2**26
-"""Bytes; larger files (recordings) are known by path and size instead of their checksum."""
+LARGEST_HASHED = 2**26  # bytes; larger files (recordings) are known by path and size instead of their checksum
 
 
 def pose_values(epoch: EpochEstimate) -> dict[str, Any]:
@@ -99,16 +98,11 @@ def _encoded(rows: Iterable[Sequence[str]]) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class RowsThere:
-    """The part of a table that an earlier call has written.
+    """The part of a table that an earlier call has written."""
 
-    n_rows: whole rows, below the header.
-    n_localized: how many of them have the status "localized".
-    n_bytes: of the header and the whole rows: a killed writer may have left a part of a row behind them.
-    """
-
-    n_rows: int = 0
-    n_localized: int = 0
-    n_bytes: int = 0
+    n_rows: int = 0  # whole rows, below the header
+    n_localized: int = 0  # how many of them have the status "localized"
+    n_bytes: int = 0  # of the header and the whole rows: a killed writer may have left a part of a row behind them
 
 
 def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> RowsThere:

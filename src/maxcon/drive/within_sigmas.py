@@ -27,20 +27,15 @@ class WithinSigmas:
     """A method that searches so many standard deviations of each prior, and wider where its answer is in doubt.
 
     OptionError if the largest half width is not above 0.
-
-    method: what searches. Cells, steps and heights of its space are taken over; all of it is searched where it is not
-        known how well a prior is known.
-    prior: whose covariance, at the time of a scan, makes the space around its prior.
-    sigmas: half widths in standard deviations; 1 m and 1 degree at least.
-    largest_half_width: no space is larger, m, and no answer in doubt is searched for farther around.
-    max_gap: largest time between two poses of the prior to interpolate across, s.
     """
 
+    # What searches. Cells, steps and heights of its space are taken over; all of it is searched where it is not known
+    # how well a prior is known.
     method: MaximumConsensus
-    prior: Trajectory
-    sigmas: float = 3.0
-    largest_half_width: float = 24.0
-    max_gap: float = 0.5
+    prior: Trajectory  # whose covariance, at the time of a scan, makes the space around its prior
+    sigmas: float = 3.0  # half widths in standard deviations; 1 m and 1 degree at least
+    largest_half_width: float = 24.0  # no space is larger, m, and no answer in doubt is searched for farther around
+    max_gap: float = 0.5  # largest time between two poses of the prior to interpolate across, s
 
     def __post_init__(self) -> None:
         if not 0.0 < self.largest_half_width < math.inf:

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.legend import Legend
 
 GRID = "#dfe2e8"
-DASHES = (0, (5, 3))
-"""Dashes of a line that marks a limit."""
+DASHES = (0, (5, 3))  # dashes of a line that marks a limit
 
 
 def draw_grid(axes: "Axes", **options: Any) -> None:

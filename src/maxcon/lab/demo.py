@@ -37,10 +37,8 @@ if TYPE_CHECKING:
     import pyarrow
 
 ANSWERS, CITY, GROUND_MAP = "answers.csv", "city.map", "city-with-ground.map"
-DEMO_NAMES = ("report.html", "dataset", CITY, GROUND_MAP, ANSWERS, "pictures")
-"""All that the folder of a demo holds."""
-PRIOR = "uniform"
-"""Name of the near priors."""
+DEMO_NAMES = ("report.html", "dataset", CITY, GROUND_MAP, ANSWERS, "pictures")  # all that the folder of a demo holds
+PRIOR = "uniform"  # name of the near priors
 MAPPING_WAIT = 10.0
 """The mapping vehicle stands before a red light for so long, s: the map is denser there, as real ones are."""
 
@@ -54,8 +52,7 @@ DEMO_METHODS = {
     HELMERT: ALONE(Helmert()),
 }
 WIDE_LEVELS = (prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0))
-MOST_EPOCHS = 8
-"""Registration from many starts takes its time: of a longer drive some epochs are shown."""
+MOST_EPOCHS = 8  # registration from many starts takes its time: of a longer drive some epochs are shown
 
 
 def check_extras() -> None:

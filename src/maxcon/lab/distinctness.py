@@ -14,11 +14,9 @@ from maxcon.search.accumulator import Accumulator, highest
 from maxcon.search.objectives import Objective, Scores, checked_scores
 from maxcon.search.space import Cell, SearchSpace
 
-GUARD_RADIUS = 0.3
-"""Cells nearer to the peak than this cannot be its rival, the second peak, m (design, section 4)."""
+GUARD_RADIUS = 0.3  # cells nearer to the peak than this cannot be its rival, the second peak, m (design, section 4)
 
-SPREAD_RATIO = 0.9
-"""The spread is how far cells go that reach this fraction of the peak's score."""
+SPREAD_RATIO = 0.9  # the spread is how far cells go that reach this fraction of the peak's score
 
 # A Laplace distribution of standard deviation sigma falls by exp(-sqrt(2) / sigma) per unit; sigma = 1 cell.
 LAPLACE_DECAY = math.sqrt(2.0)

@@ -114,17 +114,12 @@ PROMISED_PLANE = tuple(1.0 - math.exp(-0.5 * k * k) for k in SIGMAS)
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """How many errors lie within 1, 2 and 3 of their predicted sigmas.
+    """How many errors lie within 1, 2 and 3 of their predicted sigmas."""
 
-    n_epochs: how many errors have a predicted sigma.
-    n_within: of these, how many are at most 1, 2 and 3 sigma.
-    rms: of errors over sigmas: 1 where the sigmas hold; one gross error makes it large. NaN without errors.
-    median: of absolute errors over sigmas: 0.67 where the sigmas hold, 1.18 for the length of two errors together.
-    """
-
-    n_epochs: int
-    n_within: tuple[int, ...]
-    rms: float
+    n_epochs: int  # how many errors have a predicted sigma
+    n_within: tuple[int, ...]  # of these, how many are at most 1, 2 and 3 sigma
+    rms: float  # of errors over sigmas: 1 where the sigmas hold; one gross error makes it large. NaN without errors.
+    # Of absolute errors over sigmas: 0.67 where the sigmas hold, 1.18 for the length of two errors together
     median: float
 
     @classmethod
@@ -185,20 +180,13 @@ ALERT_LIMIT = 0.29
 
 @dataclass(frozen=True, slots=True)
 class ProtectionCounts:
-    """How many epochs lie in each region of the Stanford diagram.
+    """How many epochs lie in each region of the Stanford diagram."""
 
-    n_nominal: error <= protection level <= alert limit: used, and rightly so.
-    n_misleading: level < error <= alert limit: used, although the error exceeds its level.
-    n_hazardous: level <= alert limit < error: used, and nobody was warned.
-    n_large: alert limit < level: not to be used, as the method itself says.
-    n_withheld: there is no level: the answer is not trusted, or there is no answer.
-    """
-
-    n_nominal: int
-    n_misleading: int
-    n_hazardous: int
-    n_large: int
-    n_withheld: int
+    n_nominal: int  # error <= protection level <= alert limit: used, and rightly so
+    n_misleading: int  # level < error <= alert limit: used, although the error exceeds its level
+    n_hazardous: int  # level <= alert limit < error: used, and nobody was warned
+    n_large: int  # alert limit < level: not to be used, as the method itself says
+    n_withheld: int  # there is no level: the answer is not trusted, or there is no answer
 
     @classmethod
     def of(cls, errors: ArrayLike, levels: ArrayLike) -> "ProtectionCounts":

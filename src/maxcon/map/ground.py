@@ -12,12 +12,9 @@ from maxcon.geometry import voxel_indices
 from maxcon.map.layout import TILE_VOXELS, TileKey
 from maxcon.map.tile import TilesInMemory, TileSource
 
-GROUND_EDGE = 0.5
-"""The edge of a cell of the grid is a power of two of voxels, the nearest to this, m."""
-HEADROOM = 2.0
-"""Ground that lies farther than this above other ground of the same cell is another level, m: a bridge."""
-LEAST_SHARE = 0.1
-"""A level has at least this share of the points of the fullest one of its cell: a stray point is none."""
+GROUND_EDGE = 0.5  # the edge of a cell of the grid is a power of two of voxels, the nearest to this, m
+HEADROOM = 2.0  # ground that lies farther than this above other ground of the same cell is another level, m: a bridge
+LEAST_SHARE = 0.1  # a level has at least this share of the points of the fullest one of its cell: a stray point is none
 
 
 def ground_voxels(cell: float, edge: float = GROUND_EDGE) -> int:
@@ -30,14 +27,11 @@ def ground_voxels(cell: float, edge: float = GROUND_EDGE) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundTile:
-    """The ground of one tile of the map.
+    """The ground of one tile of the map."""
 
-    key: the tile's (x, y) index.
-    heights: shape (levels, n, n), float32; height of the ground in cell (y, x) of the tile, local frame, m, from the
-        lowest level on; NaN where there is none. There are n cells along an edge, `TILE_VOXELS` / `ground_voxels`.
-    """
-
-    key: TileKey
+    key: TileKey  # the tile's (x, y) index
+    # (levels, n, n): height of the ground in cell (y, x) of the tile, local frame, m, from the lowest level on; NaN
+    # where there is none. There are n cells along an edge, `TILE_VOXELS` / `ground_voxels`.
     heights: NDArray[np.float32]
 
     def rows(self) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
@@ -117,16 +111,11 @@ def ground_in_memory(points: NDArray[np.float64], cell: float) -> TilesInMemory[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundPatch:
-    """The ground around a place.
+    """The ground around a place."""
 
-    heights: shape (levels, ny, nx), float32; as in `GroundTile`.
-    first: (x, y) number of its first cell, counted from the local frame's origin.
-    edge: of a cell, m.
-    """
-
-    heights: NDArray[np.float32]
-    first: tuple[int, int]
-    edge: float
+    heights: NDArray[np.float32]  # (levels, ny, nx): as in `GroundTile`
+    first: tuple[int, int]  # (x, y) number of its first cell, counted from the local frame's origin
+    edge: float  # of a cell, m
 
 
 def ground_patch(source: TileSource[GroundTile], cell: float, x: float, y: float, reach: float) -> GroundPatch:

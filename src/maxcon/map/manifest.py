@@ -25,15 +25,11 @@ from maxcon.map.storage import ByteRange, MapStorage, open_storage
 FORMAT, FORMAT_VERSION = "maxcon map", 3
 MANIFEST = "manifest.json"
 MAX_MANIFEST_BYTES = 2**30
-TILES, GROUND = "tiles", "ground"
-"""Sections of every map."""
-CLASSES = "classes"
-"""Section of a map that was updated: of the tiles in which anything is gone or new."""
-MAP_NAMES = (MANIFEST, TILES, GROUND, CLASSES)
-"""Names of the files and folders in the folder of a map."""
+TILES, GROUND = "tiles", "ground"  # sections of every map
+CLASSES = "classes"  # section of a map that was updated: of the tiles in which anything is gone or new
+MAP_NAMES = (MANIFEST, TILES, GROUND, CLASSES)  # names of the files and folders in the folder of a map
 REBUILD = "Build the map again with `maxcon map build`."
-RECORDS = b"records"
-"""Key in the metadata of an index whose value is the schema of the records."""
+RECORDS = b"records"  # key in the metadata of an index whose value is the schema of the records
 INDEX = np.dtype(
     [
         ("key", np.int32, 2), ("n_rows", np.int32), ("n_points", np.int64), ("shard", np.int32),
@@ -54,18 +50,12 @@ class ShardFile(Struct, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class ShardTable:
-    """The index of a section: a row for each record, by ascending key.
+    """The index of a section: a row for each record, by ascending key."""
 
-    schema: arrow IPC message of the schema of all records.
-    files: the shards.
-    rows: shape (n,), of the type INDEX.
-    name: of its own file, where it was read.
-    """
-
-    schema: bytes = b""
-    files: tuple[ShardFile, ...] = ()
-    rows: NDArray[np.void] = field(default_factory=lambda: np.empty(0, INDEX))
-    name: str = ""
+    schema: bytes = b""  # arrow IPC message of the schema of all records
+    files: tuple[ShardFile, ...] = ()  # the shards
+    rows: NDArray[np.void] = field(default_factory=lambda: np.empty(0, INDEX))  # (n,)
+    name: str = ""  # of its own file, where it was read
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -115,27 +105,19 @@ class ShardTable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Manifest:
-    """What a map is made of; `maxcon map info` prints it.
+    """What a map is made of; `maxcon map info` prints it."""
 
-    cell: voxel edge, m.
-    origin: global coordinates of the local frame's origin, m.
-    crs: WKT.
-    is_signed: whether normals are turned to the sensor's side.
-    sections: by name, where the records of each section lie: "tiles", of voxels, and "ground", of the ground grid,
-        without records where it is not known; others that were written.
-    build: how it was made: sources, points read and dropped, the program's version, where sigma is from.
-    sigma: standard deviation of the map's position along any axis, m.
-    sha256: its checksum, where it was read; empty where it is made.
-    """
-
-    cell: float
-    origin: tuple[float, float, float]
-    crs: str | None
-    is_signed: bool
+    cell: float  # voxel edge, m
+    origin: tuple[float, float, float]  # global coordinates of the local frame's origin, m
+    crs: str | None  # WKT
+    is_signed: bool  # whether normals are turned to the sensor's side
+    # By name, where the records of each section lie: "tiles", of voxels, and "ground", of the ground grid, without
+    # records where it is not known; others that were written
     sections: Mapping[str, ShardTable]
+    # How it was made: sources, points read and dropped, the program's version, where sigma is from
     build: Mapping[str, Any] = field(default_factory=dict)
-    sigma: float = UNKNOWN_SIGMA
-    sha256: str = ""
+    sigma: float = UNKNOWN_SIGMA  # standard deviation of the map's position along any axis, m
+    sha256: str = ""  # its checksum, where it was read; empty where it is made
 
     @property
     def tiles(self) -> ShardTable:

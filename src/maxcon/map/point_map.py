@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from maxcon.map.manifest import Manifest
     from maxcon.map.storage import MapStorage
 
-LEVEL_BYTES, GROUND_BYTES = 2**28, 2**24
-"""Sizes of the caches of the tiles of a level and of the ground."""
+LEVEL_BYTES, GROUND_BYTES = 2**28, 2**24  # sizes of the caches of the tiles of a level and of the ground
 PREFETCHED_AROUND = 2
 """With the ground of a tile, that of so many tiles on each side is prefetched: it is likely to be needed next."""
 

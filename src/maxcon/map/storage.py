@@ -21,17 +21,14 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from maxcon._system.regular_file import open_regular, read_regular
 from maxcon.errors import OptionError, needs_extra
 
-ADDRESS = re.compile(r"(s3|https?):/{1,2}(?=[^/])")
-"""How an address begins; a `Path` of one has lost a slash."""
+ADDRESS = re.compile(r"(s3|https?):/{1,2}(?=[^/])")  # how an address begins; a `Path` of one has lost a slash
 ANY_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/(/|$)|(s3|https?|gs|ftp|file):(/|$)")
 """How names begin that mean an address of any kind, not a folder."""
 PREFETCH_THREADS = 8
-MAX_PREFETCH_BYTES = 2**26
-"""Most bytes of records that are fetched ahead of their use; the oldest are given up first."""
+MAX_PREFETCH_BYTES = 2**26  # most bytes of records that are fetched ahead of their use; the oldest are given up first
 CONNECT_SECONDS, READ_SECONDS, REQUEST_SECONDS = 5.0, 15.0, 120.0
 """Time-outs of a connection, between two pieces of an answer, and of a whole request."""
-RETRIES, RETRY_SECONDS = 2, 20.0
-"""How often a request is repeated, and for how long."""
+RETRIES, RETRY_SECONDS = 2, 20.0  # how often a request is repeated, and for how long
 KEYS, ANONYMOUS = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY", "AWS_SKIP_SIGNATURE"
 CAUSES = {
     "the server sends no ranges of files, by which tiles are read: serve the map by one that does, or copy its folder"

@@ -39,12 +39,9 @@ from maxcon.map.manifest import (
 from maxcon.map.storage import Folder, MapStorage, Remote, address_of, open_storage
 from maxcon.map.tile import VoxelTile
 
-END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"
-"""How a stream of the Arrow IPC format ends."""
-SHARD_BYTES = 2**27
-"""Largest size of a shard of several records."""
-PREFETCHED = 16
-"""Records that are prefetched while one is copied."""
+END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"  # how a stream of the Arrow IPC format ends
+SHARD_BYTES = 2**27  # largest size of a shard of several records
+PREFETCHED = 16  # records that are prefetched while one is copied
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,15 +21,12 @@ PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TileIndex:
-    """Where each patch of 16 x 16 voxels of one height layer begins in its tile.
+    """Where each patch of 16 x 16 voxels of one height layer begins in its tile."""
 
-    layers: shape (n_layers,), int32; the z indices that occur, ascending.
-    patch_starts: shape (n_layers * n_patches**2 + 1,), int32; the voxels of patch (py, px) of layer k, of n_patches
-        along each edge of the tile, are those from number (k * n_patches + py) * n_patches + px to the next. Patches
-        that follow each other along x are one run of voxels.
-    """
-
-    layers: NDArray[np.int32]
+    layers: NDArray[np.int32]  # (n_layers,): the z indices that occur, ascending
+    # (n_layers * n_patches**2 + 1,): the voxels of patch (py, px) of layer k, of n_patches along each edge of the tile,
+    # are those from number (k * n_patches + py) * n_patches + px to the next. Patches that follow each other along x
+    # are one run of voxels.
     patch_starts: NDArray[np.int32]
 
 
@@ -39,20 +36,17 @@ class Occupancy:
 
     Patches that hold voxels are numbered in the order (patch y, patch x, layer): what stands upright, as walls do,
     lies together in memory.
-
-    held: shape (n_patches, n_patches, n), uint64; whether patch (py, px) of each layer holds voxels: bit k % 64 of word
-        k // 64 for layer k. Bit n_layers is never set: it stands for heights at which the tile has no layer.
-    numbers: shape (n_patches, n_patches, n), int32; number of the first patch of each word; those of its others follow,
-        in the order of their bits.
-    words: shape (m, 4), uint64; four rows of a patch each: its voxel (x, y) is bit (y % 4) * PATCH_VOXELS + x of word y
-        // 4.
-    firsts: shape (m, 4), int32; number in the tile of each word's first voxel; those of its others follow, in the order
-        of their bits.
     """
 
+    # (n_patches, n_patches, n): whether patch (py, px) of each layer holds voxels: bit k % 64 of word k // 64 for layer
+    # k. Bit n_layers is never set: it stands for heights at which the tile has no layer.
     held: NDArray[np.uint64]
+    # (n_patches, n_patches, n): number of the first patch of each word; those of its others follow, in the order of
+    # their bits
     numbers: NDArray[np.int32]
+    # (m, 4): four rows of a patch each: its voxel (x, y) is bit (y % 4) * PATCH_VOXELS + x of word y // 4
     words: NDArray[np.uint64]
+    # (m, 4): number in the tile of each word's first voxel; those of its others follow, in the order of their bits
     firsts: NDArray[np.int32]
 
 
@@ -62,25 +56,16 @@ class VoxelTile:
 
     Sorted by (z, patch y, patch x, y, x), see `search_order`. The arrays may be views of a
     file that was read.
-
-    key: the tile's (x, y) index.
-    columns: shape (n, 2), int16; (x, y) voxel index less the tile's first, from 0 to `edge` - 1.
-    layers: shape (n,), int32; z voxel index.
-    counts: shape (n,), int32; how many map points the voxel holds.
-    normals: shape (n, 3), float32; their mean unit normal; zeros where there is none.
-    means: shape (n, 3), uint8; where in the voxel their mean lies, in 256ths of its edge, from its corner.
-    edge: voxels along an edge of the tile, a power of two.
-    classes: shape (n,), uint8, or None; `SurfaceClass` of each voxel; all are known if None.
     """
 
-    key: TileKey
-    columns: NDArray[np.int16]
-    layers: NDArray[np.int32]
-    counts: NDArray[np.int32]
-    normals: NDArray[np.float32]
-    means: NDArray[np.uint8]
-    edge: int = TILE_VOXELS
-    classes: NDArray[np.uint8] | None = None
+    key: TileKey  # the tile's (x, y) index
+    columns: NDArray[np.int16]  # (n, 2): (x, y) voxel index less the tile's first, from 0 to `edge` - 1
+    layers: NDArray[np.int32]  # (n,): z voxel index
+    counts: NDArray[np.int32]  # (n,): how many map points the voxel holds
+    normals: NDArray[np.float32]  # (n, 3): their mean unit normal; zeros where there is none
+    means: NDArray[np.uint8]  # (n, 3): where in the voxel their mean lies, in 256ths of its edge, from its corner
+    edge: int = TILE_VOXELS  # voxels along an edge of the tile, a power of two
+    classes: NDArray[np.uint8] | None = None  # (n,): `SurfaceClass` of each voxel; all are known if None
 
     def __len__(self) -> int:
         return len(self.layers)

@@ -113,8 +113,7 @@ def round_length(length: float) -> float:
     return float(max(digit * power for digit in (1.0, 2.0, 5.0) if digit * power <= length * (1.0 + 1e-9)))
 
 
-SIDE = 6.6
-"""Longer side of a map that fills a figure, inches."""
+SIDE = 6.6  # longer side of a map that fills a figure, inches
 
 
 @contextmanager

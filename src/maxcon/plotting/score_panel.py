@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
     from matplotlib.lines import Line2D
 
-COLORS = "plasma"
-"""From cold blue to warm yellow, in steps that are even to every eye, and in grey print."""
-COLOR_POWER = 0.5
-"""Exponent of the colour scale: on a linear one all but the peak of Helmert's score is dark."""
+COLORS = "plasma"  # from cold blue to warm yellow, in steps that are even to every eye, and in grey print
+COLOR_POWER = 0.5  # exponent of the colour scale: on a linear one all but the peak of Helmert's score is dark
 
 
 @dataclass(frozen=True, eq=False)

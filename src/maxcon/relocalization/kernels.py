@@ -6,12 +6,9 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 
-REGION = 256
-"""Cells along an edge of a region."""
-BLOCK = 4
-"""Cells along an edge of the blocks that are bounded first."""
-N_BLOCKS = REGION // BLOCK
-"""Blocks in a row of a region: as many as a word has bits."""
+REGION = 256  # cells along an edge of a region
+BLOCK = 4  # cells along an edge of the blocks that are bounded first
+N_BLOCKS = REGION // BLOCK  # blocks in a row of a region: as many as a word has bits
 BLOCK_BITS = BLOCK.bit_length() - 1
 INSIDE = BLOCK - 1
 COUNTER_BITS = 16

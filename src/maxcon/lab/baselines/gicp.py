@@ -153,21 +153,14 @@ class CountThenGicp(StartedMethod):
     The idea of 3D-BBS (branch and bound by hit count in a voxel map) followed by GICP, made from parts of this
     package: the space around the prior is searched exhaustively; z, roll and pitch are the prior's until GICP
     starts. The answer is that of GICP from the best cell; the prior with the status `NO_MATCH` if no point hit the map.
-
-    - half_width: largest offset from the prior in x and in y, m; widened to whole voxels and one more.
-    - heading_half_width_deg: largest turn from the prior's heading, degrees; widened to whole steps.
-    - voxel: edge of the coarse voxels, and the step in x and y, m.
-    - heading_step_deg: between headings, degrees: the default moves a point at 57 m by a voxel of 1 m.
-    - thinning: the scan is thinned to one point per cube of this edge, m, before hits are counted.
-    - gicp: what follows. Its `targets` keep the coarse map too.
     """
 
-    half_width: float = 3.0
-    heading_half_width_deg: float = 2.0
-    voxel: float = 1.0
-    heading_step_deg: float = 1.0
-    thinning: float = 0.75
-    gicp: Gicp = field(default_factory=Gicp)
+    half_width: float = 3.0  # largest offset from the prior in x and in y, m; widened to whole voxels and one more
+    heading_half_width_deg: float = 2.0  # largest turn from the prior's heading, degrees; widened to whole steps
+    voxel: float = 1.0  # edge of the coarse voxels, and the step in x and y, m
+    heading_step_deg: float = 1.0  # between headings, degrees: the default moves a point at 57 m by a voxel of 1 m
+    thinning: float = 0.75  # the scan is thinned to one point per cube of this edge, m, before hits are counted
+    gicp: Gicp = field(default_factory=Gicp)  # what follows. Its `targets` keep the coarse map too.
 
     def __post_init__(self) -> None:
         check_options(self, "heading_half_width_deg", "thinning")

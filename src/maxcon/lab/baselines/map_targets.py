@@ -19,12 +19,10 @@ from maxcon.geometry.frame import voxel_centers
 from maxcon.map import PointMap, TileKey
 from maxcon.map.voxelize import turn_alike
 
-SQUARE = 20.0
-"""Edge of the squares of the ground whose sensors share a place, m."""
+SQUARE = 20.0  # edge of the squares of the ground whose sensors share a place, m
 REACH_STEP = 20.0
 """Reaches are rounded up to multiples of this, so that scans of nearly the same range share a place, m."""
-DRIFT = 5.0
-"""How far an iteration may carry the sensor before the scan's farthest points leave the place, m."""
+DRIFT = 5.0  # how far an iteration may carry the sensor before the scan's farthest points leave the place, m
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,10 +104,8 @@ def _sums(values: NDArray[np.floating], cube: NDArray[np.int64], n_cubes: int) -
     return np.column_stack([np.bincount(cube, weights=column, minlength=n_cubes) for column in values.T])
 
 
-N_TARGETS = 12
-"""About 15 MB each in a city."""
-N_TILES = 600
-"""Of 30 m; about 0.25 MB each in a city."""
+N_TARGETS = 12  # about 15 MB each in a city
+N_TILES = 600  # of 30 m; about 0.25 MB each in a city
 
 Made = TypeVar("Made")
 _Planes = tuple[NDArray[np.float64], NDArray[np.float64]]

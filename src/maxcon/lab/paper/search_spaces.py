@@ -171,18 +171,13 @@ SCAN_COLOR = SERIES[2]
 
 
 class ComparisonRow(NamedTuple):
-    """One epoch, scored by several objectives.
+    """One epoch, scored by several objectives."""
 
-    label: what is special about it: "crossing", "straight street".
-    scan: sensor frame.
-    reference: the pose held for true, local frame: where the highest score should be.
-    views: at least two; they need not share an accumulator. Search around the reference to have it in the middle.
-    """
-
-    label: str
-    scan: Scan
+    label: str  # what is special about it: "crossing", "straight street"
+    scan: Scan  # sensor frame
     point_map: PointMap
-    reference: Pose
+    reference: Pose  # the pose held for true, local frame: where the highest score should be
+    # At least two; they need not share an accumulator. Search around the reference to have it in the middle.
     views: Sequence[SearchSpaceView]
 
 

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 Levels = Mapping[str, Sequence["MethodStatistics"]]
 """Methods at each level of the prior's error, by its name ("12 m, 10°"), rising."""
 LABELS = ("right [%]", "wrong, but\ncalled good [%]", "one epoch,\nmedian [ms]")
-LEAST_MS = 0.1
-"""Shorter times, ms, are drawn at this one: the axis is logarithmic."""
+LEAST_MS = 0.1  # shorter times, ms, are drawn at this one: the axis is logarithmic
 
 
 DOTTED, SOLID, DASHED = (0.0, (1.2, 1.2)), (0.0, None), (0.0, (6.0, 2.0))

@@ -24,22 +24,16 @@ from maxcon.lab.simulation.furniture import (
 )
 from maxcon.lab.simulation.streets import CAMPAIGN_GRID, DEMO_GRID, STREET_ANGLE, Frontage, StreetGrid, in_city
 
-HOUSE_WIDTH = 13.0
-"""Typical width of a house along the street, m."""
-CAR_SIDE = 1.05
-"""From the kerb to the middle of a parked car, m."""
+HOUSE_WIDTH = 13.0  # typical width of a house along the street, m
+CAR_SIDE = 1.05  # from the kerb to the middle of a parked car, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class City(Patch):
-    """Triangles with classes in city metres: z is up, the main crossing is the origin. Parked cars come last.
+    """Triangles with classes in city metres: z is up, the main crossing is the origin. Parked cars come last."""
 
-    parking_lanes: shape (k, 2, 2); start and end (x, y) of each row of parked cars, m.
-    car_numbers: shape (t,), int32; number of the parked car that each triangle belongs to, from 0; -1 for all that is
-        no parked car.
-    """
-
-    parking_lanes: NDArray[np.float64]
+    parking_lanes: NDArray[np.float64]  # (k, 2, 2): start and end (x, y) of each row of parked cars, m
+    # (t,): number of the parked car that each triangle belongs to, from 0; -1 for all that is no parked car
     car_numbers: NDArray[np.int32]
 
     def with_parked_cars(self, seed: Seed, occupancy: float = 0.7) -> "City":
@@ -130,34 +124,25 @@ def _cars_along(lane: NDArray[np.float64], occupancy: float, rng: np.random.Gene
             yield car.placed(x, y, heading=turn)
 
 
-PERIOD = 3.0
-"""Of all facades, m."""
+PERIOD = 3.0  # of all facades, m
 PILASTER, PILASTER_DEPTH = 0.5, 0.2
 """Width and how far it stands out, m: a pilaster on each border of a period, from the ground to the eaves."""
-WINDOW, REVEAL = 1.2, 0.18
-"""Width and depth behind the wall, m: a column of windows in the middle of each period."""
-FLOORS = (3.7, 7.0, 10.3)
-"""Heights of the upper floors, m."""
-HEIGHT = 13.8
-"""Of the eaves, m."""
+WINDOW, REVEAL = 1.2, 0.18  # width and depth behind the wall, m: a column of windows in the middle of each period
+FLOORS = (3.7, 7.0, 10.3)  # heights of the upper floors, m
+HEIGHT = 13.8  # of the eaves, m
 ROOF_DEPTH, ROOF_RISE, EAVES = 6.0, 4.2, 0.35
 ITEM_SPACING = 14.0
 """Mean distance along a frontage from one balcony to the next, m; the same for steps and for rain pipes."""
-GONE = 0.25
-"""Ratio of the items that is removed from one day to the other."""
+GONE = 0.25  # ratio of the items that is removed from one day to the other
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeriodicCity:
-    """A city whose facades repeat, so that only the items before them tell where along a street one is.
+    """A city whose facades repeat, so that only the items before them tell where along a street one is."""
 
-    grid: its streets.
-    fabric: ground and facades, in the frame of the grid.
-    items: balconies, steps, rain pipes, lamp poles, signs, trees and tubs, in the frame of the grid.
-    """
-
-    grid: StreetGrid
-    fabric: Patch
+    grid: StreetGrid  # its streets
+    fabric: Patch  # ground and facades, in the frame of the grid
+    # Balconies, steps, rain pipes, lamp poles, signs, trees and tubs, in the frame of the grid
     items: tuple[Patch, ...]
 
     def city(self, gone: Collection[int] = ()) -> City:

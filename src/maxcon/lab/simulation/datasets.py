@@ -36,11 +36,9 @@ from maxcon.lab.simulation.worlds import (
 from maxcon.scan.trajectory import Trajectory
 
 CRS = "EPSG:25832"
-CITY_ORIGIN = (550_000.0, 5_802_000.0, 60.0)
-"""Global coordinates (ETRS89 / UTM 32N, m) of the middle of the crossing."""
+CITY_ORIGIN = (550_000.0, 5_802_000.0, 60.0)  # global coordinates (ETRS89 / UTM 32N, m) of the middle of the crossing
 TILE_EDGE = 50.0
-RESOLUTION = 0.001
-"""Of the stored coordinates, m."""
+RESOLUTION = 0.001  # of the stored coordinates, m
 ODOMETRY = "odometry.txt"
 DATASET_NAMES = (
     DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt", ODOMETRY, "drive.bag", "drive.mcap",
@@ -68,20 +66,14 @@ reference = "reference.txt"
 
 
 class DatasetOptions(TypedDict, total=False):
-    """Options of every simulated dataset.
+    """Options of every simulated dataset."""
 
-    seed: the same seed gives the same scene, drives, scans, priors and map points; 0 by default.
-    mapping_scanners: on the mapping vehicle; two turned by 45 degrees to either side by default.
-    scanner: on the car; a VLP-16 by default. `ScannerLayout` has others.
-    overwrite: whether a dataset at `out` is replaced; anything else there is an error.
-    progress: called with (done, total) after each step.
-    """
-
-    seed: int
+    seed: int  # the same seed gives the same scene, drives, scans, priors and map points; 0 by default
+    # On the mapping vehicle; two turned by 45 degrees to either side by default
     mapping_scanners: Sequence[ProfileScanner]
-    scanner: RotatingScanner
-    overwrite: bool
-    progress: Callable[[int, int], None]
+    scanner: RotatingScanner  # on the car; a VLP-16 by default. `ScannerLayout` has others.
+    overwrite: bool  # whether a dataset at `out` is replaced; anything else there is an error
+    progress: Callable[[int, int], None]  # called with (done, total) after each step
 
 
 def simulate(

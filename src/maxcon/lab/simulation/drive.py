@@ -13,31 +13,20 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 
-Seed = int | Sequence[int]
-"""A seed as numpy.random.default_rng takes it; the same seed draws the same."""
-SPEED = 8.0
-"""Of a drive along a route on its straight parts, m/s; it varies by about a fifth."""
-CROSSING_SPEED = 0.7
-"""Speed of a round straight over crossings, as a part of its speed on free stretches."""
-WAITS = (4.0, 15.0)
-"""Shortest and longest wait of a round, s."""
-WANDER = 0.3
-"""Largest distance of a round to the left or right of its circuit, m."""
-STOP_LINE = 9.0
-"""Distance from a stop line to the middle of its crossing, m."""
-SLOWEST = 0.4
-"""Speed just before and after a halt in a round, m/s."""
+Seed = int | Sequence[int]  # a seed as numpy.random.default_rng takes it; the same seed draws the same
+SPEED = 8.0  # of a drive along a route on its straight parts, m/s; it varies by about a fifth
+CROSSING_SPEED = 0.7  # speed of a round straight over crossings, as a part of its speed on free stretches
+WAITS = (4.0, 15.0)  # shortest and longest wait of a round, s
+WANDER = 0.3  # largest distance of a round to the left or right of its circuit, m
+STOP_LINE = 9.0  # distance from a stop line to the middle of its crossing, m
+SLOWEST = 0.4  # speed just before and after a halt in a round, m/s
 
 
 class Route(NamedTuple):
-    """The line a vehicle follows.
+    """The line a vehicle follows."""
 
-    points: shape (k, 2); (x, y) every few centimetres, city metres.
-    stop_at: distance along the route at which a vehicle slows down for the crossing, m.
-    """
-
-    points: NDArray[np.float64]
-    stop_at: float
+    points: NDArray[np.float64]  # (k, 2): (x, y) every few centimetres, city metres
+    stop_at: float  # distance along the route at which a vehicle slows down for the crossing, m
 
     @property
     def distances(self) -> NDArray[np.float64]:
@@ -47,15 +36,11 @@ class Route(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Circuit:
-    """A closed line along streets; its last point equals the first.
+    """A closed line along streets; its last point equals the first."""
 
-    points: shape (k, 2); (x, y) evenly spaced, about 5 cm apart, city metres.
-    turns: shape (n, 2); distance along the line at which each turn begins and ends, m, rising.
-    crossings: shape (m,); distance along the line of each crossing that it passes straight over, m, rising.
-    """
-
-    points: NDArray[np.float64]
-    turns: NDArray[np.float64]
+    points: NDArray[np.float64]  # (k, 2): (x, y) evenly spaced, about 5 cm apart, city metres
+    turns: NDArray[np.float64]  # (n, 2): distance along the line at which each turn begins and ends, m, rising
+    # (m,): distance along the line of each crossing that it passes straight over, m, rising
     crossings: NDArray[np.float64]
 
     @property
@@ -78,16 +63,11 @@ class Circuit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """Poses of a vehicle over time, T_city_vehicle, close enough together to interpolate linearly.
+    """Poses of a vehicle over time, T_city_vehicle, close enough together to interpolate linearly."""
 
-    times: shape (k,); s, rising.
-    positions: shape (k, 3); city metres.
-    angles: shape (k, 3); roll, pitch and heading, rad; the heading does not jump at pi.
-    """
-
-    times: NDArray[np.float64]
-    positions: NDArray[np.float64]
-    angles: NDArray[np.float64]
+    times: NDArray[np.float64]  # (k,): s, rising
+    positions: NDArray[np.float64]  # (k, 3): city metres
+    angles: NDArray[np.float64]  # (k, 3): roll, pitch and heading, rad; the heading does not jump at pi
 
     def at(self, times: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Positions and angles at `times` (s), shape (n, 3) each, m and rad."""
@@ -122,18 +102,12 @@ def drive_along(
 
 
 class RoundDriver(NamedTuple):
-    """How a round is driven.
+    """How a round is driven."""
 
-    speed: on free stretches, m/s; it varies by up to a fifth.
-    turn_speed: in turns, m/s.
-    acceleration: of starting and braking, m/s^2.
-    n_stops: number of turns and crossings before which the vehicle waits.
-    """
-
-    speed: float
-    turn_speed: float = 3.5
-    acceleration: float = 1.5
-    n_stops: int = 0
+    speed: float  # on free stretches, m/s; it varies by up to a fifth
+    turn_speed: float = 3.5  # in turns, m/s
+    acceleration: float = 1.5  # of starting and braking, m/s^2
+    n_stops: int = 0  # number of turns and crossings before which the vehicle waits
 
 
 def drive_round(
@@ -238,8 +212,7 @@ GNSS_DEVIATIONS = np.array([1.3, 1.3, 0.015, *np.radians([0.05, 0.05, 0.6])])
 """
 GNSS_BOUNDS = np.array([2.7, 2.7, 0.04, *np.radians([0.15, 0.15, 1.8])])
 """Largest errors of the same: multipath between houses, within the paper's search range of 3 m."""
-GNSS_CORRELATION_TIME = 20.0
-"""Time after which two errors correlate by 1/e, s."""
+GNSS_CORRELATION_TIME = 20.0  # time after which two errors correlate by 1/e, s
 
 
 def draw_gnss_errors(n_times: int, step: float, seed: Seed) -> NDArray[np.float64]:
@@ -265,20 +238,14 @@ def _bounded(errors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class OdometryErrors(NamedTuple):
-    """Errors of the motions that odometry measures.
+    """Errors of the motions that odometry measures."""
 
-    scale: relative error of all distances, 0.01 for 1 %; its sign is drawn at random.
-    heading_drift_deg: bias of the gyroscope while the vehicle moves, degrees per second; its sign is drawn at random.
-    heading_walk_deg: random walk of the heading: standard deviation, degrees per square root of a metre.
-    walk: random walk of the position along each axis: standard deviation, m per square root of a metre.
-    tilt_deg: standard deviation of roll and pitch, degrees; gravity keeps them from drifting.
-    """
-
-    scale: float = 0.01
+    scale: float = 0.01  # relative error of all distances, 0.01 for 1 %; its sign is drawn at random
+    # Bias of the gyroscope while the vehicle moves, degrees per second; its sign is drawn at random
     heading_drift_deg: float = 0.05
-    heading_walk_deg: float = 0.1
-    walk: float = 0.005
-    tilt_deg: float = 0.02
+    heading_walk_deg: float = 0.1  # random walk of the heading: standard deviation, degrees per square root of a metre
+    walk: float = 0.005  # random walk of the position along each axis: standard deviation, m per square root of a metre
+    tilt_deg: float = 0.02  # standard deviation of roll and pitch, degrees; gravity keeps them from drifting
 
     def draw(self, drive: Drive, times: NDArray[np.float64], seed: Seed) -> list[Pose]:
         """Return the poses that odometry gives, T_odometry_sensor: the first is at the origin, heading along x.
@@ -313,18 +280,12 @@ def off_by(reference: Pose, errors: NDArray[np.float64]) -> Pose:
 
 @dataclass(frozen=True, slots=True)
 class PriorErrors:
-    """Bounds of the errors of a prior: each error is uniform within plus and minus its bound.
+    """Bounds of the errors of a prior: each error is uniform within plus and minus its bound."""
 
-    offset: of x and of y, m.
-    heading_deg: of the heading, degrees.
-    z: of the height, m.
-    tilt_deg: of roll and of pitch, degrees.
-    """
-
-    offset: float = 2.5
-    heading_deg: float = 1.8
-    z: float = 0.01
-    tilt_deg: float = 0.05
+    offset: float = 2.5  # of x and of y, m
+    heading_deg: float = 1.8  # of the heading, degrees
+    z: float = 0.01  # of the height, m
+    tilt_deg: float = 0.05  # of roll and of pitch, degrees
 
     def prior(self, reference: Pose, rng: np.random.Generator) -> Pose:
         """Return a prior: `reference` with errors drawn from `rng`."""
@@ -333,10 +294,8 @@ class PriorErrors:
         return off_by(reference, bounds * rng.uniform(-1.0, 1.0, 6))
 
 
-GEOREFERENCING_DEVIATION = 0.02
-"""Standard deviation per axis, m."""
-GEOREFERENCING_TIME = 30.0
-"""s; two errors this far apart in time correlate by exp(-1/4), and a round apart not at all."""
+GEOREFERENCING_DEVIATION = 0.02  # standard deviation per axis, m
+GEOREFERENCING_TIME = 30.0  # s; two errors this far apart in time correlate by exp(-1/4), and a round apart not at all
 
 
 class GeoreferencingErrors(NamedTuple):

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from maxcon.lab.simulation.furniture import LasClass, Patch, boxes, join, prism, quads, triangles
 
-HOUSE_DEPTH = 12.0
-"""Distance from front to back of every house, m."""
+HOUSE_DEPTH = 12.0  # distance from front to back of every house, m
 
 THRESHOLD, SILL, LINTEL = 0.45, 1.1, 2.6
 """Heights of edges on the ground floor, m: lower edge of doors, lower edge of windows, upper edge of both."""

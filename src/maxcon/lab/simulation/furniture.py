@@ -40,14 +40,10 @@ OCTAGON = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """A piece of a simulated world.
+    """A piece of a simulated world."""
 
-    corners: shape (t, 3, 3); corners of each triangle, m. Triangles are seen from both sides.
-    classes: shape (t,), uint8; LasClass of each triangle.
-    """
-
-    corners: NDArray[np.float64]
-    classes: NDArray[np.uint8]
+    corners: NDArray[np.float64]  # (t, 3, 3): corners of each triangle, m. Triangles are seen from both sides.
+    classes: NDArray[np.uint8]  # (t,): LasClass of each triangle
 
     def __len__(self) -> int:
         return len(self.corners)
@@ -119,8 +115,7 @@ def _triangles_of_solid(k: int) -> NDArray[np.int64]:
     return np.array([triangle for pair in sides for triangle in pair] + ends)
 
 
-LEAF = 0.16
-"""Typical side of a triangle, m, which stands for a twig with its leaves."""
+LEAF = 0.16  # typical side of a triangle, m, which stands for a twig with its leaves
 
 
 def draw_car(rng: np.random.Generator) -> tuple[Patch, float]:

@@ -16,8 +16,7 @@ from maxcon.lab.dataset import Dataset
 from maxcon.lab.simulation.datasets import CRS
 from maxcon.scan.trajectory import Trajectory
 
-POINTS, FIX, IMU, ODOMETRY = "/points", "/gnss/fix", "/imu/data", "/odometry"
-"""Topics of a recorded drive."""
+POINTS, FIX, IMU, ODOMETRY = "/points", "/gnss/fix", "/imu/data", "/odometry"  # topics of a recorded drive
 ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 

@@ -174,24 +174,17 @@ class RotatingScanner(RangeFinder):
 
 @dataclass(frozen=True, slots=True)
 class ProfileScanner(RangeFinder):
-    """A scanner whose ray turns in a vertical plane; the motion of the vehicle spaces its profiles.
-
-    turn_deg: angle from the driving direction to the plane, degrees, counter-clockwise.
-    side: distance of the mount to the left of the vehicle's middle, m.
-    line_rate: profiles per second: the slower the drive, the denser the points.
-    points_per_line: rays of a whole turn, the blind ones included.
-    blind_deg: half angle about the nadir that the vehicle itself hides, degrees.
-    """
+    """A scanner whose ray turns in a vertical plane; the motion of the vehicle spaces its profiles."""
 
     noise: float = 0.01
     dropout: float = 0.01
     min_range: float = 1.5
     max_range: float = 60.0
-    turn_deg: float = 45.0
-    side: float = 0.0
-    line_rate: float = 100.0
-    points_per_line: int = 960
-    blind_deg: float = 45.0
+    turn_deg: float = 45.0  # angle from the driving direction to the plane, degrees, counter-clockwise
+    side: float = 0.0  # distance of the mount to the left of the vehicle's middle, m
+    line_rate: float = 100.0  # profiles per second: the slower the drive, the denser the points
+    points_per_line: int = 960  # rays of a whole turn, the blind ones included
+    blind_deg: float = 45.0  # half angle about the nadir that the vehicle itself hides, degrees
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -259,8 +252,7 @@ DATA_SHEETS = {
         n_layers=64, lowest_deg=-22.5, highest_deg=22.5, azimuth_step_deg=360.0 / 1024, min_range=0.5, max_range=120.0
     ),
 }
-TURN_TIME = 0.1
-"""Duration of one turn of the scanner, s."""
+TURN_TIME = 0.1  # duration of one turn of the scanner, s
 
 
 class DeskewErrors(NamedTuple):

@@ -14,8 +14,7 @@ from maxcon.errors import OptionError
 from maxcon.lab.simulation.drive import Circuit, Route, distances_along, interpolated
 from maxcon.lab.simulation.furniture import LasClass, Patch, boxes, join, quads
 
-KERB_HEIGHT = 0.12
-"""Height of blocks and sidewalks above the carriageway, m."""
+KERB_HEIGHT = 0.12  # height of blocks and sidewalks above the carriageway, m
 
 
 class Block(NamedTuple):
@@ -131,20 +130,16 @@ CAMPAIGN_GRID = StreetGrid(
     margin=60.0,
 )
 """Dense blocks and narrow streets; centre lines and building lines lie at multiples of 3 m."""
-LANE = 0.9
-"""Distance of the circuit to the right of the centre line, m."""
+LANE = 0.9  # distance of the circuit to the right of the centre line, m
 CAMPAIGN_CORNERS = (
     (0, 0), (3, 0), (3, 1), (4, 1), (4, 3), (2, 3), (2, 4), (1, 4), (1, 2), (0, 2),
 )  # fmt: skip
 """Where the campaign turns: crossings of `CAMPAIGN_GRID`, as indices into its u_lines and v_lines."""
-STEP = 0.05
-"""Between two points of a route or a circuit, m."""
+STEP = 0.05  # between two points of a route or a circuit, m
 LEFT_RADIUS, RIGHT_RADIUS = 9.0, 6.0
 """Radii of turns, m: traffic keeps to the right, so that a right turn is the narrow one."""
-EASING = 1.0
-"""Standard deviation, m, of the Gaussian that smooths the line, so that curvature comes and goes gradually."""
-START = 42.0
-"""How far behind its first corner a circuit begins, m."""
+EASING = 1.0  # standard deviation, m, of the Gaussian that smooths the line, so that curvature comes and goes gradually
+START = 42.0  # how far behind its first corner a circuit begins, m
 
 
 def circuit_through(street_angle: float = STREET_ANGLE) -> Circuit:

@@ -12,14 +12,11 @@ from maxcon.lab.simulation.facades import rain_pipe, relief, steps
 from maxcon.lab.simulation.furniture import LasClass, Patch, boxes, grid_faces, join, quads, triangles
 from maxcon.lab.simulation.suburb_ground import draw_ivy, leaves_at
 
-FOOT = -1.5
-"""Lower edge of walls, m, below the ground at the origin, so that no house floats on a slope."""
+FOOT = -1.5  # lower edge of walls, m, below the ground at the origin, so that no house floats on a slope
 STOREY = 2.8
-CELL = 0.4
-"""Edge of the cells of a wall, each with a depth of its own, m."""
+CELL = 0.4  # edge of the cells of a wall, each with a depth of its own, m
 
-Window = tuple[float, float, float, float]
-"""Left, right, lower and upper border of a window or door, m."""
+Window = tuple[float, float, float, float]  # left, right, lower and upper border of a window or door, m
 
 
 CLADDINGS = ("plaster", "brick", "boards")
@@ -168,8 +165,7 @@ def _gabled_roof(width: float, depth: float, height: float, rng: np.random.Gener
     return roof.placed(0.0, -0.5 * depth)
 
 
-PIECE = 0.5
-"""Length of the pieces of rails, m: short, so that a fence can follow the road and its slopes."""
+PIECE = 0.5  # length of the pieces of rails, m: short, so that a fence can follow the road and its slopes
 
 
 def draw_picket_fence(length: float, rng: np.random.Generator) -> Patch:

@@ -12,47 +12,32 @@ from maxcon.errors import OptionError
 from maxcon.lab.simulation.drive import Drive, Route, Seed, sway
 from maxcon.lab.simulation.furniture import OCTAGON, LasClass, Patch, grid_faces, join, prism, quads, triangles
 
-HALF_WIDTH = 3.1
-"""From the centre line to either kerb, m."""
+HALF_WIDTH = 3.1  # from the centre line to either kerb, m
 GARDEN_LEFT, GARDEN_RIGHT = 4.7, -6.5
 """Where gardens begin, m to the left of the centre line: beyond a sidewalk, on the right beyond a grass verge, too."""
-SIDEWALK_RIGHT = -5.0
-"""Where the sidewalk on the right begins, m to the left of the centre line."""
+SIDEWALK_RIGHT = -5.0  # where the sidewalk on the right begins, m to the left of the centre line
 KERB_HEIGHT = 0.1
 CAMBER, SIDEWALK_SLOPE = 0.02, 0.03
 """How much the carriageway falls to its sides, and how much sidewalks rise away from it, rise over run."""
-BEYOND = 45.0
-"""How far the world extends beyond both ends of the road, and to its sides, m."""
-STEP = 0.25
-"""Spacing of the points of the centre line and, along the road, of the ground, m."""
-MIN_RADIUS = 75.0
-"""Radius of the narrowest curve, m: above `BEYOND`, so that (along, left) is unique for each place."""
-STEEPEST = 0.07
-"""Largest slope of the road, rise over run."""
-TRACK, WHEELBASE = 1.5, 2.6
-"""Distances between the wheels of a vehicle, across and along, m."""
-ASPHALT, GRASS = 0.004, 0.03
-"""Roughness: standard deviation of the ground's height, m."""
+BEYOND = 45.0  # how far the world extends beyond both ends of the road, and to its sides, m
+STEP = 0.25  # spacing of the points of the centre line and, along the road, of the ground, m
+MIN_RADIUS = 75.0  # radius of the narrowest curve, m: above `BEYOND`, so that (along, left) is unique for each place
+STEEPEST = 0.07  # largest slope of the road, rise over run
+TRACK, WHEELBASE = 1.5, 2.6  # distances between the wheels of a vehicle, across and along, m
+ASPHALT, GRASS = 0.004, 0.03  # roughness: standard deviation of the ground's height, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResidentialRoad:
-    """A road in a suburb, with the ground around it; along it, 0 is its begin.
+    """A road in a suburb, with the ground around it; along it, 0 is its begin."""
 
-    length: m.
-    centers: shape (k, 2); (x, y) of the centre line every 0.25 m, from `BEYOND` before its begin to `BEYOND` after its
-        end, m.
-    headings: shape (k,); direction of the centre line at these points, rad from +x.
-    heights: shape (k,); of the centre line, m.
-    tilts: shape (k,); cross slope: how much the road rises to the left, rise over run.
-    banks: shape (k, 2); how much the gardens on the left and on the right rise away from the road, rise over run.
-    """
-
-    length: float
+    length: float  # m
+    # (k, 2): (x, y) of the centre line every 0.25 m, from `BEYOND` before its begin to `BEYOND` after its end, m
     centers: NDArray[np.float64]
-    headings: NDArray[np.float64]
-    heights: NDArray[np.float64]
-    tilts: NDArray[np.float64]
+    headings: NDArray[np.float64]  # (k,): direction of the centre line at these points, rad from +x
+    heights: NDArray[np.float64]  # (k,): of the centre line, m
+    tilts: NDArray[np.float64]  # (k,): cross slope: how much the road rises to the left, rise over run
+    # (k, 2): how much the gardens on the left and on the right rise away from the road, rise over run
     banks: NDArray[np.float64]
 
     @property
@@ -173,14 +158,11 @@ def draw_road(length: float, seed: Seed) -> ResidentialRoad:
     )
 
 
-HEDGE_STEP = 0.1
-"""Spacing of the points of a hedge's surface, m."""
+HEDGE_STEP = 0.1  # spacing of the points of a hedge's surface, m
 BUMPS, TWIGS = 0.1, 0.09
 """Standard deviations of a hedge's surface, m: smooth bumps of its cut, and twigs that stand out or are missing."""
-GAPS = 0.3
-"""Ratio of a hedge's surface that is open: light goes on to the twigs inside, or through the hedge."""
-MOVING = 0.5
-"""Ratio of the leaves, and of the roughness of twigs, that differs from day to day."""
+GAPS = 0.3  # ratio of a hedge's surface that is open: light goes on to the twigs inside, or through the hedge
+MOVING = 0.5  # ratio of the leaves, and of the roughness of twigs, that differs from day to day
 
 
 def _survey_class(las_class: LasClass, ratio: float, rng: np.random.Generator) -> LasClass:

@@ -31,18 +31,15 @@ from maxcon.lab.simulation.suburb_ground import (
 )
 
 PLOT_WIDTH = (15.0, 26.0)
-DRIVEWAY = 3.4
-"""Width of the opening in a garden's boundary, m."""
+DRIVEWAY = 3.4  # width of the opening in a garden's boundary, m
 EDGES = {"hedge": 0.55, "picket": 0.1, "wire": 0.1, "wall": 0.15, "open": 0.1}
 """Kinds of a garden's boundary to the road, and how often each occurs."""
 LIKE_NEIGHBOUR = 0.5
 """How often a garden has the boundary of the one before it, which makes long hedges and open stretches."""
 PARKED_LEFT, PARKED_RIGHT = 2.2, -4.0
 """Where cars stand, m to the left of the centre line: at the left kerb, and on the verge on the right."""
-BAY, TREE_EVERY = 6.5, 3
-"""Length of a parking bay, m; every third bay on the verge has a tree instead."""
-PARKED_RATIO = 0.2
-"""Ratio of the parking bays that is taken."""
+BAY, TREE_EVERY = 6.5, 3  # length of a parking bay, m; every third bay on the verge has a tree instead
+PARKED_RATIO = 0.2  # ratio of the parking bays that is taken
 
 
 def suburb_on_day(road: ResidentialRoad, scene: Sequence[int], day_seed: Sequence[int]) -> Patch:
@@ -63,17 +60,12 @@ def suburb_on_day(road: ResidentialRoad, scene: Sequence[int], day_seed: Sequenc
 
 
 class _Side(NamedTuple):
-    """One side of the road: places are given along the road and by their distance inside the garden's border, m.
-
-    border: where gardens begin, m to the left of the centre line.
-    outward: 1 on the left, -1 on the right.
-    turn: of patches whose y axis is towards the road, rad: seen along it, the left side has it on its right.
-    """
+    """One side of the road: places are given along the road and by their distance inside the garden's border, m."""
 
     road: ResidentialRoad
-    border: float
-    outward: float
-    turn: float
+    border: float  # where gardens begin, m to the left of the centre line
+    outward: float  # 1 on the left, -1 on the right
+    turn: float  # of patches whose y axis is towards the road, rad: seen along it, the left side has it on its right
 
     def laid(self, patch: Patch, along: float, inside: float, heading: float = 0.0) -> Patch:
         """Return `patch` bent to follow road and ground: see `ResidentialRoad.laid`."""

@@ -109,18 +109,12 @@ def draw_pedestrian(rng: np.random.Generator) -> Patch:
     return join([prism(OCTAGON * half, *between, LasClass.VEHICLE) for half, between in parts])
 
 
-UNMAPPED_RATIO = 0.3
-"""Ratio of the returns of a scan that are on vehicles, parked ones included, and pedestrians."""
-MOST_TRIES = 400
-"""Places tried before a scan is left with a smaller ratio: in the open, too few returns can be hidden."""
-LEAST_SEEN = 0.002
-"""A road user is placed only if it hides at least this ratio of the rays: others would not be seen."""
-CLEARANCE = 2.6
-"""From the middle of the car to the nearest part of a road user, m."""
-GAP = 0.4
-"""Between two road users, m."""
-LANE = 0.9
-"""From the centre line of a street to the middle of its lanes, m."""
+UNMAPPED_RATIO = 0.3  # ratio of the returns of a scan that are on vehicles, parked ones included, and pedestrians
+MOST_TRIES = 400  # places tried before a scan is left with a smaller ratio: in the open, too few returns can be hidden
+LEAST_SEEN = 0.002  # a road user is placed only if it hides at least this ratio of the rays: others would not be seen
+CLEARANCE = 2.6  # from the middle of the car to the nearest part of a road user, m
+GAP = 0.4  # between two road users, m
+LANE = 0.9  # from the centre line of a street to the middle of its lanes, m
 DRIVERS_REACH, WALKERS_REACH = 35.0, 12.0
 """How far from the car, along and across, vehicles and pedestrians are placed, m."""
 

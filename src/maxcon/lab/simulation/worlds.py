@@ -43,15 +43,11 @@ from maxcon.lab.simulation.traffic import CrowdedCaster, Traffic
 
 MAP_START, SCAN_START = 300_000.0, 386_400.0
 """When the mapping vehicle and the car set out, seconds of the GPS week: the car comes a day later."""
-PAUSE = 60.0
-"""From the end of one drive of the mapping vehicle to the start of the next, s."""
-MAP_HEIGHT = 2.4
-"""Of its profile scanners above the carriageway, m."""
-TRAJECTORY_STEP = 0.02
-"""Between two poses of its trajectory, s."""
+PAUSE = 60.0  # from the end of one drive of the mapping vehicle to the start of the next, s
+MAP_HEIGHT = 2.4  # of its profile scanners above the carriageway, m
+TRAJECTORY_STEP = 0.02  # between two poses of its trajectory, s
 LINES_PER_PIECE = 250
-EPOCH_STEP = 0.1
-"""Between two epochs when all are taken, s: the scanner turns ten times a second."""
+EPOCH_STEP = 0.1  # between two epochs when all are taken, s: the scanner turns ten times a second
 
 
 class MapPiece(NamedTuple):
@@ -64,17 +60,12 @@ class MapPiece(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MappingDrives:
-    """The drives of the mapping vehicle, before anything is measured on them.
+    """The drives of the mapping vehicle, before anything is measured on them."""
 
-    caster: the scene on the day of the map.
-    drives: true drives, one after the other.
-    seed: of the scanners' noise.
-    georeferencing: errors of the vehicle's post-processed trajectory, and so of the map; none if None.
-    """
-
-    caster: RayCaster
-    drives: Sequence[Drive]
-    seed: Sequence[int]
+    caster: RayCaster  # the scene on the day of the map
+    drives: Sequence[Drive]  # true drives, one after the other
+    seed: Sequence[int]  # of the scanners' noise
+    # Errors of the vehicle's post-processed trajectory, and so of the map; none if None
     georeferencing: GeoreferencingErrors | None = None
 
     def pieces(self, scanners: Sequence[ProfileScanner]) -> list[MapPiece]:
@@ -187,8 +178,7 @@ def _georeferencing(drives: Sequence[Drive], seed: Seed) -> GeoreferencingErrors
     return draw_georeferencing_errors(seed, float(drives[0].times[0]), float(drives[-1].times[-1]))
 
 
-MAP_BEYOND = 35.0
-"""How far the first mapping drive extends beyond the drive of the scans at either end, m."""
+MAP_BEYOND = 35.0  # how far the first mapping drive extends beyond the drive of the scans at either end, m
 MAP_BRANCHES = (50.0, 40.0)
 """Distance from the crossing at which the second mapping drive, over the other two branches, begins and ends, m."""
 
@@ -240,30 +230,23 @@ def _next_start(drives: Sequence[Drive]) -> float:
     return float(drives[-1].times[-1]) + PAUSE if drives else MAP_START
 
 
-MOST_EPOCHS = 3001
-"""Of the campaign: the round of the car takes 300 s."""
-OCCUPANCY, HARD_OCCUPANCY = 0.85, 0.95
-"""Which part of the kerbs is taken by parked cars, 0 to 1."""
+MOST_EPOCHS = 3001  # of the campaign: the round of the car takes 300 s
+OCCUPANCY, HARD_OCCUPANCY = 0.85, 0.95  # which part of the kerbs is taken by parked cars, 0 to 1
 SCAN_DRIVER = RoundDriver(speed=5.5, turn_speed=2.8, n_stops=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CampaignWorld(World):
-    """The campaign: a circuit mapped in rounds, driven on another day, when other cars are parked.
-
-    scan_city: the city on the day of the scans.
-    circuit: the line that all rounds follow.
-    traffic: vehicles and pedestrians around the car; none if None.
-    """
+    """The campaign: a circuit mapped in rounds, driven on another day, when other cars are parked."""
 
     STREAMS = (
         "city", "cars of map", "cars of scans", "map drive", "scan drive", "map noise", "scan noise", "uniform priors",
         "gnss priors", "georeferencing", "gone", "road users", "traffic", "odometry",
     )  # fmt: skip
 
-    scan_city: City
-    circuit: Circuit
-    traffic: Traffic | None = None
+    scan_city: City  # the city on the day of the scans
+    circuit: Circuit  # the line that all rounds follow
+    traffic: Traffic | None = None  # vehicles and pedestrians around the car; none if None
 
     @classmethod
     def build(cls, seed: int, n_rounds: int = 5, *, is_hard: bool = False) -> Self:
@@ -333,10 +316,8 @@ def _round_of_car(circuit: Circuit, seed: Seed, start: float) -> Drive:
     return drive_round(circuit, SCAN_DRIVER, seed, height=2.0, start_time=start, duration=duration)
 
 
-ROAD_LENGTH = 460.0
-"""Default, m: a minute at 28 km/h."""
-MEAN_SPEED = ROAD_LENGTH / 60.0
-"""Mean speed of the car, m/s: a road of the default length has 601 epochs."""
+ROAD_LENGTH = 460.0  # default, m: a minute at 28 km/h
+MEAN_SPEED = ROAD_LENGTH / 60.0  # mean speed of the car, m/s: a road of the default length has 601 epochs
 LANE_THERE, LANE_BACK = -1.2, 0.1
 """Lanes, m to the left of the centre line: on the way back, parked cars force the vehicle to the middle."""
 

@@ -36,26 +36,18 @@ REFERENCE = "reference"
 """Name of the reference as a prior: the search space lies around the true pose, as in the paper's figures."""
 
 MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
-CACHE_BYTES = 2**30
-"""Of the tile caches of all maps of one process together."""
+CACHE_BYTES = 2**30  # of the tile caches of all maps of one process together
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Everything a study of one dataset needs.
+    """Everything a study of one dataset needs."""
 
-    scans: the epochs.
-    reference: poses held for true, global.
-    priors: by name, global; the reference is one of them.
-    maps: by name of the variant.
-    options: range limits, and gaps of the trajectories to interpolate across.
-    """
-
-    scans: Scans
-    reference: Trajectory
-    priors: dict[str, Trajectory]
-    maps: dict[str, PointMap]
-    options: DriveOptions
+    scans: Scans  # the epochs
+    reference: Trajectory  # poses held for true, global
+    priors: dict[str, Trajectory]  # by name, global; the reference is one of them
+    maps: dict[str, PointMap]  # by name of the variant
+    options: DriveOptions  # range limits, and gaps of the trajectories to interpolate across
 
     @classmethod
     def open(cls, dataset: Dataset, maps: Mapping[str, Path], options: DriveOptions | None = None) -> "Bench":
@@ -169,17 +161,12 @@ class _SharedAccumulators:
 
 
 class _Answer(NamedTuple):
-    """A method's answer to an epoch; poses in the local frame of its map.
-
-    milliseconds: from points in memory to the pose.
-    distinctness: of methods that have scores of cells.
-    starts: where each start of a method with several around the reference ended.
-    """
+    """A method's answer to an epoch; poses in the local frame of its map."""
 
     estimate: Estimate
-    milliseconds: float
-    distinctness: Distinctness | None = None
-    starts: Sequence[Estimate] = ()
+    milliseconds: float  # from points in memory to the pose
+    distinctness: Distinctness | None = None  # of methods that have scores of cells
+    starts: Sequence[Estimate] = ()  # where each start of a method with several around the reference ended
 
 
 def _answer(study_method: StudyMethod, point_map: PointMap, start: Pose, shared: _SharedAccumulators) -> _Answer:

@@ -22,8 +22,7 @@ from maxcon.search.space import SearchSpace
 STANDARD = "standard"
 
 
-CELL = 0.06
-"""Voxel edge of the standard map, m."""
+CELL = 0.06  # voxel edge of the standard map, m
 MAP_VARIANTS: dict[str, dict[str, Any]] = {
     STANDARD: {},
     "cell-0.03": {"cell": 0.03},
@@ -66,19 +65,14 @@ def _report_of_map(report: Progress, name: str, step: str, done: int, total: int
 
 @dataclass(frozen=True)
 class StudyMethod:
-    """A method of a study.
+    """A method of a study."""
 
-    - name: in the table and in figures.
-    - method: anything with ``localize(scan, point_map, prior)``; it is sent to other processes, so its class must be
-      importable.
-    - map_name: name of the map that it gets, of `MAP_VARIANTS`.
-    - around_reference: whether it starts from the reference pose instead of the prior: for starts spread around the
-      true pose, as the paper's.
-    """
-
-    name: str
+    name: str  # in the table and in figures
+    # Anything with ``localize(scan, point_map, prior)``; it is sent to other processes, so its class must be importable
     method: Method
-    map_name: str = STANDARD
+    map_name: str = STANDARD  # name of the map that it gets, of `MAP_VARIANTS`
+    # Whether it starts from the reference pose instead of the prior: for starts spread around the true pose, as the
+    # paper's
     around_reference: bool = False
 
     @property

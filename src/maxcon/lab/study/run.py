@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 CONFIGURATION = "study.json"
-LARGEST = 2**24
-"""Bytes."""
+LARGEST = 2**24  # bytes
 MAP_AND_SCANS = "description of map and scans"
 
 
@@ -50,21 +49,18 @@ class Run(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """Everything that a study was run with.
-
-    parts: hashes of what the dataset is made of: its description of map and scans, its reference and each prior.
-    options: range limits of the scans, and gaps of prior and reference to interpolate across.
-    methods: description of each method, by its name, in the order of the table.
-    maps: how each map differs, by its name.
-    """
+    """Everything that a study was run with."""
 
     version: str
     dataset: str
+    # Hashes of what the dataset is made of: its description of map and scans, its reference and each prior
     parts: dict[str, str]
     n_scans: int
+    # Range limits of the scans, and gaps of prior and reference to interpolate across
     options: dict[str, float] = field(default_factory=dict)
+    # Description of each method, by its name, in the order of the table
     methods: dict[str, dict[str, Any]] = field(default_factory=dict)
-    maps: dict[str, dict[str, Any]] = field(default_factory=dict)
+    maps: dict[str, dict[str, Any]] = field(default_factory=dict)  # how each map differs, by its name
     runs: list[Run] = field(default_factory=list)
 
     @classmethod
@@ -164,16 +160,11 @@ def check_parts(mine: Mapping[str, str], theirs: Mapping[str, str]) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Study:
-    """A study on disk.
+    """A study on disk."""
 
-    folder: holds study.json, table.parquet and maps/.
-    configuration: what it was run with.
-    table: a row per epoch, method and prior (`COLUMNS`).
-    """
-
-    folder: Path
-    configuration: Configuration
-    table: "pyarrow.Table"
+    folder: Path  # holds study.json, table.parquet and maps/
+    configuration: Configuration  # what it was run with
+    table: "pyarrow.Table"  # a row per epoch, method and prior (`COLUMNS`)
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str]) -> "Study":

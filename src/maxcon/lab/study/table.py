@@ -18,11 +18,9 @@ from maxcon.lab.evaluation import Quantiles
 if TYPE_CHECKING:
     import pyarrow
 
-Row = Mapping[str, Any]
-"""Values by the names of `COLUMNS`; what is left out is null."""
+Row = Mapping[str, Any]  # values by the names of `COLUMNS`; what is left out is null
 
-KEY = ("prior", "method", "epoch")
-"""Columns that name a row; rows are in their order."""
+KEY = ("prior", "method", "epoch")  # columns that name a row; rows are in their order
 
 Key = tuple[str, str, int]
 
