@@ -61,8 +61,7 @@ def test_nothing_jumps_at_a_knot(seed):
 
 def test_what_adjustment_takes_for_the_derivative_is_it():
     small = some_corrections(3, size=1e-4)
-    place = np.array([30.0, -12.0, 4.0])
-    for number, time in ((0, 17.3), (1, 1001.0), (2, 2019.9)):
-        unknowns = np.concatenate([small.wholes, small.knots]).ravel()
-        blocks = sum(block @ unknowns[k : k + 6] for k, block in small.derivatives(place, time, number))
-        np.testing.assert_allclose(small.twist_at(place, time, number), blocks, atol=1e-8)
+    places, times, passes = some_points(3, small)
+    twists = small.jacobian(places, times, passes) @ np.concatenate([small.wholes, small.knots]).ravel()
+    for *where, twist in zip(places, times, passes, twists.reshape(-1, 6), strict=True):
+        np.testing.assert_allclose(small.twist_at(*where), twist, atol=1e-6)

@@ -13,7 +13,7 @@ from maxcon.mapping.align.alignment import (
     datum_sigma,
     is_contradicted,
     pair_residuals,
-    remaining_sigma,
+    remaining_sigmas,
 )
 from maxcon.mapping.align.passes import Corrections, pose_of_twist
 from maxcon.mapping.align.pose_graph import Equations, Georeference, adjust, adjust_by_evidence
@@ -125,7 +125,7 @@ def test_wrong_constraints_do_not_bend_the_graph():
     assert contradicted == sorted(wrong.tolist())
     (pair, *_) = pair_residuals(constraints, adjusted)
     assert pair.horizontal_after[1] < 0.02
-    assert remaining_sigma(constraints, adjusted, is_after=True) < 0.004
+    assert remaining_sigmas(constraints, adjusted)[1] < 0.004
 
 
 def test_what_no_constraint_tells_stays_at_its_prior():

@@ -31,6 +31,7 @@ SUMMARY = "alignment.json"
 TABLES = (SUMMARY, "rounds.csv", "residuals.csv", "ties.csv", "corrections.csv")
 LARGEST_SUMMARY = 2**24  # bytes
 AXES = ("x", "y", "z")
+OF_SIZES = ("median", "95")
 Row = Sequence[object]
 
 
@@ -89,7 +90,7 @@ class Alignment:
         constraints = tuple(each for each in matched if not each.fault)
         refused = Counter(each.fault for each in matched if each.fault)
         connectivity = tuple(connectivity_of_passes(passes, constraints, adjusted, georeference))
-        before, after = (remaining_sigma(constraints, adjusted, is_after=is_after) for is_after in (False, True))
+        before, after = remaining_sigmas(constraints, adjusted)
         n_connected = sum(each.component == 0 for each in connectivity)
         of_map = math.hypot(after, adjusted.drift_sigma) / math.sqrt(n_connected)
         datum = datum_sigma(passes, adjusted)
@@ -119,44 +120,34 @@ def pair_residuals(constraints: Sequence[Constraint], adjusted: Adjusted) -> lis
     is_used, residuals = ~is_contradicted(adjusted.weights), []
     for passes, rows in sorted(pairs.items()):
         used = [row for row in rows if is_used[row]]
-        before, after = (_distances(constraints, adjusted, used, is_after=is_after) for is_after in (False, True))
-        residuals.append(
-            PairResiduals(passes, len(rows), len(rows) - len(used), before[0], after[0], before[1], after[1])
-        )
+        residuals.append(PairResiduals(passes, len(rows), len(rows) - len(used), *_apart(constraints, adjusted, used)))
     return residuals
 
 
-def remaining_sigma(constraints: Sequence[Constraint], adjusted: Adjusted, *, is_after: bool) -> float:
-    """Standard deviation of one pass's position relative to the others, along a horizontal axis, m.
+def remaining_sigmas(constraints: Sequence[Constraint], adjusted: Adjusted) -> tuple[float, float]:
+    """Standard deviations of one pass's position relative to the others, along a horizontal axis, m: before and after.
 
-    From the median difference of pairs before or after the adjustment: wrong matches hardly change a median.
+    From the median difference of pairs: wrong matches hardly change a median.
     """
     used = np.flatnonzero(~is_contradicted(adjusted.weights)).tolist()
-    (median, _), _ = _distances(constraints, adjusted, used, is_after=is_after)
-    return median / (NORMAL_MEDIAN * math.sqrt(2.0))
+    (before, _), (after, _), *_ = _apart(constraints, adjusted, used)
+    return before / (NORMAL_MEDIAN * math.sqrt(2.0)), after / (NORMAL_MEDIAN * math.sqrt(2.0))
 
 
-def _distances(
-    constraints: Sequence[Constraint], adjusted: Adjusted, rows: Iterable[int], *, is_after: bool
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Median and 95 % of how far visits lie apart, m, before or after; NaN without any.
+def _apart(constraints: Sequence[Constraint], adjusted: Adjusted, rows: Iterable[int]) -> list[tuple[float, float]]:
+    """Median and 95 % of how far visits lie apart, m; NaN without any: horizontally before and after, then in height.
 
-    First along those horizontal directions that each constraint determines, then of heights.
+    Horizontally along those directions that each constraint determines.
     """
-    horizontal, heights = list[float](), list[float]()
+    horizontal, heights = [np.empty((0, 2))], [np.empty((0, 2))]
     for row in rows:
         covariance = constraints[row].covariance
-        shift = adjusted.residuals[row, :3] if is_after else constraints[row].pose.position
+        shifts = np.column_stack([constraints[row].pose.position, adjusted.residuals[row, :3]])  # before and after
         variances, axes = np.linalg.eigh(covariance[:2, :2])
-        horizontal += (axes.T @ shift[:2])[variances <= LARGEST_SIGMA**2].tolist()
-        heights += [float(shift[2])] if covariance[2, 2] <= LARGEST_SIGMA**2 else []
-    return _median_and_95(horizontal), _median_and_95(heights)
-
-
-def _median_and_95(values: Sequence[float]) -> tuple[float, float]:
-    """Median and 95 % of absolute values; NaN without any."""
-    sizes = np.abs(values)
-    return (float(np.median(sizes)), float(np.percentile(sizes, 95.0))) if values else (math.nan, math.nan)
+        horizontal.append((axes.T @ shifts[:2])[variances <= LARGEST_SIGMA**2])
+        heights.append(shifts[2:][covariance[[2], [2]] <= LARGEST_SIGMA**2])
+    sizes = (size for part in (horizontal, heights) for size in np.abs(np.concatenate(part)).T)
+    return [(float(np.median(s)), float(np.percentile(s, 95.0))) if len(s) else (math.nan, math.nan) for s in sizes]
 
 
 def connectivity_of_passes(
@@ -280,13 +271,7 @@ def _passes(alignment: Alignment) -> Iterable[Row]:
 
 def _pairs(alignment: Alignment) -> Iterable[Row]:
     sizes = ("horizontal_before", "horizontal_after", "height_before", "height_after")
-    yield [
-        "round_a",
-        "round_b",
-        "n_ties",
-        "n_contradicted",
-        *(f"{size}_{of}" for size in sizes for of in ("median", "95")),
-    ]
+    yield ["round_a", "round_b", "n_ties", "n_contradicted", *(f"{size}_{of}" for size in sizes for of in OF_SIZES)]
     for pair in alignment.pairs:
         values = pair.horizontal_before + pair.horizontal_after + pair.height_before + pair.height_after
         first, second = pair.passes

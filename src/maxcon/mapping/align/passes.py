@@ -216,21 +216,20 @@ class Corrections:
         before = np.clip(np.floor(steps), 0, n_knots - 2).astype(np.int64)
         return self.firsts[passes] + before, np.clip(steps - before, 0.0, 1.0)
 
-    def derivatives(
-        self, place: NDArray[np.float64], time: float, number: int
-    ) -> list[tuple[int, NDArray[np.float64]]]:
-        """Derivatives (6, 6) of the twist at a place (global, m) that pass `number` measured at a time (s).
+    def jacobian(self, places: NDArray[np.float64], times: NDArray[np.float64], passes: NDArray[np.integer]) -> Any:
+        """Derivatives of the twists at places (n, 3), global, m, measured at times (n,), s, by passes (n,), CSR.
 
-        Unknowns are numbered six by six: the twist of each pass as a whole, then that of each knot. Derivatives come
-        with the first column of the six unknowns of the pass, and of each knot that takes part.
+        Six rows a place; unknowns are numbered six by six: the twist of each pass as a whole, then that of each knot.
         """
-        first, part = self._between(np.array([time]), np.array([number]))
-        blocks = [(6 * number, twist_matrix(place - self.centres[number]))]
-        for knot, weight in ((int(first[0]), 1.0 - float(part[0])), (int(first[0]) + 1, float(part[0]))):
-            if weight > 0.0:
-                block = weight * twist_matrix(place - self.knot_centres[knot])
-                blocks.append((6 * (len(self.centres) + knot), block))
-        return blocks
+        from scipy.sparse import bsr_array
+
+        n, n_passes, (first, part) = len(places), len(self.centres), self._between(times, passes)
+        centres = [self.centres[passes], self.knot_centres[first], self.knot_centres[first + 1]]
+        weights = np.column_stack([np.ones(n), 1.0 - part, part])
+        blocks = weights[..., None, None] * twist_matrices(places[:, None] - np.stack(centres, axis=1))
+        columns = np.column_stack([passes, n_passes + first, n_passes + first + 1])
+        shape = (6 * n, 6 * (n_passes + len(self.knots)))
+        return bsr_array((blocks.reshape(-1, 6, 6), columns.ravel(), 3 * np.arange(n + 1)), shape=shape).tocsr()
 
     def motions(
         self, times: NDArray[np.float64], passes: NDArray[np.integer]
@@ -276,9 +275,10 @@ def pose_of_twist(twist: NDArray[np.float64]) -> Pose:
     return Pose.from_rotation(twist[:3], Rotation.from_rotvec(twist[3:]).as_matrix())
 
 
-def twist_matrix(arm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Matrix (6, 6) from a small twist about a centre to the twist of a point that lies `arm` (3,), m, from it."""
-    x, y, z = arm.tolist()
-    matrix = np.eye(6)
-    matrix[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
-    return matrix
+def twist_matrices(arms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matrices (..., 6, 6) from small twists about centres to those of points `arms` (..., 3), m, away from them."""
+    x, y, z = np.moveaxis(arms, -1, 0)
+    matrices = np.broadcast_to(np.eye(6), (*arms.shape[:-1], 6, 6)).copy()
+    for row, column, value in ((0, 4, z), (0, 5, -y), (1, 3, -z), (1, 5, x), (2, 3, y), (2, 4, -x)):
+        matrices[..., row, column] = value
+    return matrices

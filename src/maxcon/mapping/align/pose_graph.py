@@ -36,12 +36,13 @@ class Georeference:
 
 
 class Equations:
-    """Residuals of constraints, and their derivatives by the twists of passes and knots (`Corrections.derivatives`).
+    """Residuals of constraints, and their derivatives by the twists of passes and knots (`Corrections.jacobian`).
 
     `corrections`: passes and knots; their twists are those at which an adjustment starts.
     """
 
     def __init__(self, corrections: Corrections, constraints: Sequence[Constraint]) -> None:
+        from scipy.sparse import block_diag
         from scipy.spatial.transform import Rotation
 
         self.corrections = corrections
@@ -50,8 +51,9 @@ class Equations:
         self._places = np.array([each.place for each in constraints])
         self._positions = np.array([each.pose.position for each in constraints])
         self._turns = Rotation.from_matrix(np.array([each.pose.rotation for each in constraints]))
-        self._roots = np.array([np.linalg.inv(np.linalg.cholesky(each.covariance)) for each in constraints])
-        self._entries = self._derivatives(constraints)
+        self._roots = np.linalg.inv(np.linalg.cholesky(np.array([each.covariance for each in constraints])))
+        one, other = (corrections.jacobian(self._places, self._times[:, k], self._passes[:, k]) for k in range(2))
+        self._design = (block_diag(self._roots) @ (other - one)).tocsc()
 
     def __len__(self) -> int:
         return len(self._places)
@@ -80,26 +82,9 @@ class Equations:
 
         Rigid passes have scales (k,) of the unknowns of passes as wholes only.
         """
-        from scipy.sparse import csr_array
+        from scipy.sparse import diags_array
 
-        values, rows, columns = self._entries
-        takes_part = columns < len(scales)
-        values, rows, columns = values[takes_part], rows[takes_part], columns[takes_part]
-        return csr_array((values * scales[columns], (rows, columns)), shape=(6 * len(self), len(scales)))
-
-    def _derivatives(
-        self, constraints: Sequence[Constraint]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-        """Entries of the design by all unknowns, not scaled: value, row and column, (k,) each; some cells twice."""
-        values, rows, columns = [], [], []
-        row, column = (index.ravel() for index in np.indices((6, 6)))
-        for number, (each, root) in enumerate(zip(constraints, self._roots, strict=True)):
-            for sign, time, of_pass in zip((-1.0, 1.0), each.times, each.passes, strict=True):
-                for first, block in self.corrections.derivatives(each.place, time, of_pass):
-                    values.append((sign * root @ block).ravel())
-                    rows.append(6 * number + row)
-                    columns.append(first + column)
-        return np.concatenate(values), np.concatenate(rows), np.concatenate(columns)
+        return (self._design[:, : len(scales)] @ diags_array(scales)).tocsr()
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +108,8 @@ class Adjusted:
 
     def twist_rows(self, place: NDArray[np.float64], time: float, number: int) -> NDArray[np.float64]:
         """Derivatives (6, n_unknowns) of the twist at a place (global, m) that a pass measured at a time (s)."""
-        rows = np.zeros((6, len(self._scales)))
-        for column, block in self.corrections.derivatives(place, time, number):
-            if column < len(self._scales):
-                rows[:, column : column + 6] += block
-        return rows
+        rows = self.corrections.jacobian(place[None], np.array([time]), np.array([number]))
+        return np.asarray(rows.toarray()[:, : len(self._scales)])
 
 
 def adjust_by_evidence(
