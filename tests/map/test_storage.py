@@ -7,7 +7,7 @@ import re
 import socket
 import threading
 import time
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -18,7 +18,7 @@ from maxcon import PointMap
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.map import storage
 from maxcon.map.manifest import read_manifest
-from maxcon.map.storage import ByteRange, Remote
+from maxcon.map.storage import Remote
 from maxcon.map.store import copy_map
 from s3_buckets import bucket_on, s3_server_here
 from written_maps import assert_same_map, said_by, write
@@ -150,69 +150,6 @@ def test_a_shard_that_is_damaged_there(bucket, city):
 
 
 # --- prefetching --------------------------------------------------------------------------------------
-
-RANGES = [ByteRange("tiles/0", number, 10) for number in range(40)]
-
-
-class Slow(Remote):
-    """Counts what is fetched, and lets what is prefetched wait until it may answer."""
-
-    def __init__(self):
-        pytest.importorskip("obstore", reason="the extra `remote` is not installed")
-        super().__init__("http://nowhere")
-        self.fetched, self.may_answer, self.is_asked = [], threading.Event(), threading.Event()
-
-    def _fetch(self, wanted):
-        self._obstore, self._store = self, None
-        return super()._fetch(wanted)
-
-    def _asked(self, ask):
-        self.is_asked.set()
-        assert not threading.current_thread().name.startswith("prefetch") or self.may_answer.wait(60)
-        return ask()
-
-    def get_range(self, store, name, *, start, length):
-        self.fetched.append(start)
-        if start == 13:
-            raise OSError(5, "unlucky")
-        return bytes([start])
-
-
-@pytest.fixture
-def slow():
-    remote = Slow()
-    yield remote
-    remote.may_answer.set()
-
-
-def test_each_range_is_fetched_once_and_who_asks_first_is_served_first(slow):
-    for _ in range(3):
-        slow.prefetch(RANGES[:12])
-    slow.is_asked.wait(60)
-    assert bytes(slow.read_range(RANGES[11])) == bytes([11])  # while all threads still wait
-    assert slow.fetched == [11]
-    slow.may_answer.set()
-    assert [bytes(slow.read_range(wanted))[0] for wanted in RANGES[:11]] == list(range(11))
-    assert bytes(slow.read_range(RANGES[12])) == bytes([12])  # which was not prefetched
-    assert sorted(slow.fetched) == list(range(13))
-
-
-def test_an_error_is_that_of_who_asks_and_ends_what_was_begun(slow):
-    slow.may_answer.set()
-    slow.prefetch(RANGES[10:16])
-    for number, is_lucky in ((13, False), (14, True), (13, False)):  # asked again, it is tried again
-        with nullcontext() if is_lucky else pytest.raises(OSError, match="unlucky"):
-            assert bytes(slow.read_range(RANGES[number])) == bytes([number])
-
-
-def test_prefetching_is_bounded(slow, monkeypatch):
-    monkeypatch.setattr(storage, "MAX_PREFETCH_BYTES", 50)
-    slow.prefetch(RANGES[20:])
-    assert list(slow._coming) == RANGES[20:25]  # the first of what is wanted
-    slow.prefetch(RANGES[:2])
-    assert list(slow._coming) == [*RANGES[22:25], *RANGES[:2]]
-    slow.may_answer.set()
-    assert bytes(slow.read_range(RANGES[20])) == bytes([20])
 
 
 def wait_until(is_so):

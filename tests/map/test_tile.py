@@ -169,3 +169,28 @@ def test_a_tile_that_several_threads_ask_for_is_made_once(error):
     assert made == [1] or error is not None  # who asks after an error tries again
     error = None
     assert loaded(cache, [1])[0] == ([] if len(made) == 1 and first.exception() is None else [1])
+
+
+def test_of_tiles_that_are_made_ahead_each_is_made_once_and_who_asks_is_served_first():
+    made, may_answer = [], threading.Event()
+
+    def make(key):
+        assert not threading.current_thread().name.startswith("prefetch") or may_answer.wait(60)
+        made.append(key[0])
+        if key[0] == 13:
+            raise OSError("unlucky")
+        return Sized(1)
+
+    cache = TileCache(make, 1000, [(number, 0) for number in range(40)])
+    for _ in range(3):
+        cache.prefetch([(number, 0) for number in [*range(12), 99]])  # there is no tile 99
+    cache.load((11, 0))  # while all threads still wait
+    assert made == [11]
+    may_answer.set()
+    assert loaded(cache, range(13))[1] == list(range(10))
+    assert sorted(made) == list(range(13))
+    cache.prefetch([(number, 0) for number in range(13, 40)])
+    for _ in range(2):  # asked again, it is tried again
+        with pytest.raises(OSError, match="unlucky"):
+            cache.load((13, 0))
+    cache.load((39, 0))

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 MAP_MARGIN = 30.0
 """A prior farther from any voxel tile lies outside the map. A wide square may have nothing but ground (m)."""
 
-NOTHING_KNOWN = "there is neither a track nor a prior to begin one"
-
 # The map is told of the tiles so far (m) around the priors of so many epochs: a remote one fetches them ahead.
 EPOCHS_AHEAD, METRES_AHEAD = 10, 40.0
 
@@ -196,18 +194,11 @@ def relocalize_drive(
     relocalizer.check()
 
     def relocalized(epoch: int) -> EpochEstimate:
-        places: list[object] = []
-
-        def search(scan: Scan) -> Estimate:
-            found = relocalizer.search(scan)
-            places.extend(found.places)
-            return found.estimate
-
         told = _answered(
             epoch, scans, options, None, relocalizer.map,
-            lambda scan: (None if len(scan) else Status.NO_POINTS, ""), search,
+            lambda scan: (None if len(scan) else Status.NO_POINTS, ""), relocalizer.localize,
         )  # fmt: skip
-        return told if places else replace(told, estimate=None)
+        return replace(told, estimate=None) if told.status is Status.NO_MATCH else told
 
     return map(relocalized, range(first, len(scans)))
 

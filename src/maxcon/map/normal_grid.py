@@ -46,10 +46,8 @@ class NormalGrid:
         nx, ny, nz = (high - low + 1).tolist()
         n = nx * ny * nz + ROW_BLOCK
         normals, along, across = np.zeros((n, 2), np.int8), np.zeros(n, np.uint8), np.zeros(n, np.uint8)
-        tensor = np.zeros((2, 2))
-        for tile in tiles:
-            tile_kernels.add_products(read_only_view(tile.normals), tensor)
-        axis = np.ascontiguousarray(np.linalg.eigh(tensor)[1][:, 0])
+        level = [tile.normals[:, :2].astype(np.float64) for tile in tiles]
+        axis = np.ascontiguousarray(np.linalg.eigh(sum((each.T @ each for each in level), np.zeros((2, 2))))[1][:, 0])
         for tile in tiles:
             corner = np.array([tile.key[0] * tile.edge, tile.key[1] * tile.edge, 0]) - low
             tile_kernels.fill_normals(

@@ -195,6 +195,9 @@ class PointMap:
 
     def ground_around(self, x: float, y: float, reach: float) -> GroundPatch:
         """Heights of the ground in the square of half width `reach` (m) around (x, y), local frame, m."""
+        if self._prefetch is not None and isinstance(self._ground, TileCache):
+            margin = PREFETCHED_AROUND * self.tile_voxels * self.cell
+            self._ground.prefetch(self._keys_in_square(x, y, reach + margin, self._ground.keys))
         return ground_patch(self._ground, self.cell, x, y, reach)
 
     def normals_around(self, x: float, y: float, reach: float, z: tuple[float, float]) -> NormalGrid:
@@ -221,10 +224,12 @@ class PointMap:
 
     def keys_within(self, x: float, y: float, reach: float) -> list[TileKey]:
         """Keys of the tiles that meet the square of half width `reach` (m) around (x, y), local frame, in order."""
+        return self._keys_in_square(x, y, reach, self._tiles.keys)
+
+    def _keys_in_square(self, x: float, y: float, reach: float, keys: frozenset[TileKey]) -> list[TileKey]:
         edge = self.tile_voxels * self.cell
         x_first, x_last = math.floor((x - reach) / edge), math.floor((x + reach) / edge)
         y_first, y_last = math.floor((y - reach) / edge), math.floor((y + reach) / edge)
-        keys = self._tiles.keys
         if (x_last - x_first + 1) * (y_last - y_first + 1) <= len(keys):
             columns, rows = range(x_first, x_last + 1), range(y_first, y_last + 1)
             return [(kx, ky) for kx in columns for ky in rows if (kx, ky) in keys]
@@ -313,12 +318,7 @@ def stored_tiles(
         tile = replace(tile, classes=of_voxels)
         return tile if left_out is None else tile.without(left_out)
 
-    def prefetch(keys: Iterable[TileKey]) -> None:
-        wanted = list(keys)
-        tiles.prefetch(wanted)
-        classes.prefetch(wanted)
-
-    return TileCache(read, cache_bytes, tiles.keys, prefetch)
+    return TileCache(read, cache_bytes, tiles.keys)
 
 
 def stored_ground(storage: MapStorage, manifest: Manifest) -> TileCache[GroundTile]:
@@ -327,12 +327,8 @@ def stored_ground(storage: MapStorage, manifest: Manifest) -> TileCache[GroundTi
     from maxcon.map.store import Section
 
     section, n_cells = Section(storage, manifest, GROUND), TILE_VOXELS // ground_voxels(manifest.cell)
-    around, prefetched = range(-PREFETCHED_AROUND, PREFETCHED_AROUND + 1), set[TileKey]()
 
     def read(key: TileKey) -> GroundTile:
-        near = {(key[0] + x, key[1] + y) for x in around for y in around} - prefetched
-        section.prefetch(near)
-        prefetched.update(near)
         columns, heights = section.columns(key)
         return GroundTile.from_rows(key, columns, heights, n_cells)
 

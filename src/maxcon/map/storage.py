@@ -8,11 +8,7 @@ Every request has a time-out: a server that is gone is an error in a line, never
 import errno
 import os
 import re
-import threading
-import weakref
-from collections import OrderedDict
-from collections.abc import Callable, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
 from datetime import timedelta
 from functools import cached_property
 from pathlib import Path
@@ -24,8 +20,6 @@ from maxcon.errors import OptionError, needs_extra
 ADDRESS = re.compile(r"(s3|https?):/{1,2}(?=[^/])")  # how an address begins; a `Path` of one has lost a slash
 ANY_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/(/|$)|(s3|https?|gs|ftp|file):(/|$)")
 """How names begin that mean an address of any kind, not a folder."""
-PREFETCH_THREADS = 8
-MAX_PREFETCH_BYTES = 2**26  # most bytes of records that are fetched ahead of their use; the oldest are given up first
 CONNECT_SECONDS, READ_SECONDS, REQUEST_SECONDS = 5.0, 15.0, 120.0
 """Time-outs of a connection, between two pieces of an answer, and of a whole request."""
 RETRIES, RETRY_SECONDS = 2, 20.0  # how often a request is repeated, and for how long
@@ -91,15 +85,9 @@ class Folder:
             file.seek(wanted.offset)
             return memoryview(file.read(max(min(wanted.length, left), 0)))
 
-    def prefetch(self, ranges: Iterable[ByteRange]) -> None:
-        """Do nothing: files of this machine need no fetching ahead."""
-
 
 class Remote:
-    """The files of a map behind an address, `s3://bucket/prefix`, `http://server/path` or `https://server/path`.
-
-    Ranges that are prefetched come through a few threads, which end with this object.
-    """
+    """The files of a map behind an address, `s3://bucket/prefix`, `http://server/path` or `https://server/path`."""
 
     remedy = "Check the server and the address, and try again."
 
@@ -109,8 +97,6 @@ class Remote:
         self._obstore = obstore
         self._address = address
         self._is_s3 = address.startswith("s3:")
-        self._coming: OrderedDict[ByteRange, Future[memoryview]] = OrderedDict()
-        self._lock = threading.Lock()
 
     def where(self, name: str) -> str:
         """Return the file's address."""
@@ -127,30 +113,10 @@ class Remote:
 
         return self._asked(ask)
 
-    def prefetch(self, ranges: Iterable[ByteRange]) -> None:
-        """Begin to fetch what will be read soon, several at a time, up to MAX_PREFETCH_BYTES in all."""
-        n_bytes = 0
-        with self._lock:
-            for wanted in ranges:
-                n_bytes += wanted.length
-                if n_bytes > MAX_PREFETCH_BYTES:
-                    break
-                if wanted not in self._coming:
-                    self._coming[wanted] = self._pool.submit(_fetch, weakref.ref(self), wanted)
-                self._coming.move_to_end(wanted)
-            n_bytes = sum(coming.length for coming in self._coming)
-            while n_bytes > MAX_PREFETCH_BYTES:
-                oldest, future = self._coming.popitem(last=False)
-                future.cancel()
-                n_bytes -= oldest.length
-
     def read_range(self, wanted: ByteRange) -> memoryview:
-        """Return some bytes of a file, prefetched or fetched now."""
-        with self._lock:
-            future = self._coming.pop(wanted, None)
-        if future is None or future.cancel():  # nobody has begun with it
-            return self._fetch(wanted)
-        return future.result()
+        """Return some bytes of a file."""
+        name, start, length = wanted
+        return self._asked(lambda: memoryview(self._obstore.get_range(self._store, name, start=start, length=length)))
 
     def write(self, name: str, content: bytes | Path) -> None:
         """Write a file, or replace it, in one step."""
@@ -162,25 +128,6 @@ class Remote:
             return int(self._asked(lambda: self._obstore.head(self._store, name))["size"])
         except FileNotFoundError:
             return None
-
-    def _fetch(self, wanted: ByteRange) -> memoryview:
-        name, start, length = wanted
-        try:
-            return self._asked(
-                lambda: memoryview(self._obstore.get_range(self._store, name, start=start, length=length))
-            )
-        except OSError:  # what else is coming would fail as well, and be waited for when the process ends
-            with self._lock:
-                for future in self._coming.values():
-                    future.cancel()
-                self._coming.clear()
-            raise
-
-    @cached_property
-    def _pool(self) -> ThreadPoolExecutor:
-        pool = ThreadPoolExecutor(PREFETCH_THREADS, thread_name_prefix="prefetch")
-        weakref.finalize(self, pool.shutdown, wait=False, cancel_futures=True)
-        return pool
 
     @cached_property
     def _store(self) -> Any:
@@ -211,12 +158,6 @@ class Remote:
             raise FileNotFoundError(errno.ENOENT, missing) from None
         except (BaseError, ValueError) as error:
             raise OSError(errno.EIO, _in_words(error, is_s3=self._is_s3)) from None
-
-
-def _fetch(remote: "weakref.ref[Remote]", wanted: ByteRange) -> memoryview:
-    """Fetch a range for a storage that nothing else may keep alive, so that its threads end with it."""
-    storage = remote()
-    return storage._fetch(wanted) if storage is not None else memoryview(b"")
 
 
 MapStorage: TypeAlias = Folder | Remote

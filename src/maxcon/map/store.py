@@ -8,7 +8,7 @@ compressed with LZ4 (docs/map_format.md). Records do not depend on the thread or
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
+from maxcon._system.engine import in_threads
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.map.ground import GroundTile
 from maxcon.map.layout import TileKey
@@ -37,11 +38,10 @@ from maxcon.map.manifest import (
     write_manifest,
 )
 from maxcon.map.storage import Folder, MapStorage, Remote, address_of, open_storage
-from maxcon.map.tile import VoxelTile
+from maxcon.map.tile import PREFETCH_THREADS, VoxelTile
 
 END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"  # how a stream of the Arrow IPC format ends
 SHARD_BYTES = 2**27  # largest size of a shard of several records
-PREFETCHED = 16  # records that are prefetched while one is copied
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +141,6 @@ class Section:
                 f" have not. {REBUILD}"
             )
 
-    def prefetch(self, keys: Iterable[TileKey]) -> None:
-        """Begin to fetch records that will be read soon, where the map is on a network."""
-        self._storage.prefetch([self._table.range_of(key) for key in keys if key in self.keys])
-
     def where(self, key: TileKey) -> str:
         """Return where a record lies, for messages."""
         return f"tile {key} in {self._storage.where(self._table.range_of(key).name)}"
@@ -175,12 +171,10 @@ class Section:
         return Record(self.name, key, int(row["n_rows"]), int(row["n_points"]), table.schema, content, checksum)
 
     def records(self) -> Iterator[Record]:
-        """Yield all records, checked, in the order in which they lie in the shards."""
+        """Return all records, checked, in the order in which they lie in the shards; several are read at a time."""
         rows = self._table.rows
         keys = [(x, y) for x, y in rows["key"][np.lexsort((rows["offset"], rows["shard"]))].tolist()]
-        for number, key in enumerate(keys):
-            self.prefetch(keys[number : number + PREFETCHED])
-            yield self.record(key)
+        return in_threads(self.record, keys, PREFETCH_THREADS)
 
 
 class MapWriter:

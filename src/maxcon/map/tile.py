@@ -3,12 +3,13 @@
 """VoxelTile: the voxels of one square of the map, in the order the search reads them, and the cache of tiles."""
 
 import threading
+import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,15 +97,23 @@ class VoxelTile:
         return self.edge // PATCH_VOXELS
 
     @cached_property
-    def index(self) -> TileIndex:
-        """Where each patch begins."""
+    def _found(self) -> tuple[TileIndex, int]:
+        """Where each patch begins, and how many patches hold voxels; -1 if voxels are not in order."""
         from maxcon.map import tile_kernels
 
-        layers = np.empty(self._n_layers_and_patches[0], np.int32)
-        patch_starts = np.empty(len(layers) * self.n_patches**2 + 1, np.int32)
-        columns, heights = read_only_view(self.columns), read_only_view(self.layers)
-        tile_kernels.find_patches(columns, heights, self.n_patches, layers, patch_starts)
-        return TileIndex(layers, patch_starts)
+        columns, layers = read_only_view(self.columns), read_only_view(self.layers)
+        *index, n_held = tile_kernels.find_patches(columns, layers, self.edge)
+        return TileIndex(*index), n_held
+
+    @property
+    def index(self) -> TileIndex:
+        """Where each patch begins."""
+        return self._found[0]
+
+    @property
+    def is_in_order(self) -> bool:
+        """Whether columns lie inside the tile and voxels are in search order, on which all searches rely."""
+        return self._found[1] >= 0
 
     @cached_property
     def fullest(self) -> int:
@@ -116,14 +125,12 @@ class VoxelTile:
         """Which voxels there are."""
         from maxcon.map import tile_kernels
 
-        starts, n_words = self.index.patch_starts, len(self.index.layers) // WORD_BITS + 1
-        held = np.zeros((self.n_patches**2, n_words), np.uint64)
+        index, n_held = self._found
+        held = np.zeros((self.n_patches**2, len(index.layers) // WORD_BITS + 1), np.uint64)
         numbers = np.empty(held.shape, np.int32)
-        n_held = tile_kernels.number_patches(starts, held, numbers)
-        words, firsts = (np.zeros((n_held, PATCH_WORDS), dtype) for dtype in (np.uint64, np.int32))
-        tile_kernels.set_bits(starts, read_only_view(self.columns), numbers, words, firsts)
-        shape = (self.n_patches, self.n_patches, n_words)
-        return Occupancy(held.reshape(shape), numbers.reshape(shape), words, firsts)
+        found = tile_kernels.find_occupancy(index.patch_starts, read_only_view(self.columns), n_held, held, numbers)
+        shape = (self.n_patches, self.n_patches, held.shape[1])
+        return Occupancy(held.reshape(shape), numbers.reshape(shape), *found)
 
     @cached_property
     def layer_numbers(self) -> NDArray[np.int32]:
@@ -133,20 +140,6 @@ class VoxelTile:
         numbers = np.full(height, -1, np.int32)
         numbers[layers - layers[:1]] = np.arange(len(layers))
         return numbers
-
-    @property
-    def is_in_order(self) -> bool:
-        """Whether columns lie inside the tile and voxels are in search order, on which all searches rely."""
-        return self._n_layers_and_patches[0] >= 0
-
-    @cached_property
-    def _n_layers_and_patches(self) -> tuple[int, int]:
-        """How many layers there are, and patches that hold voxels; -1 for both if voxels are not in order."""
-        from maxcon.map import tile_kernels
-
-        columns, layers = read_only_view(self.columns), read_only_view(self.layers)
-        n_layers, n_held = tile_kernels.count_layers_and_patches(columns, layers, self.edge)
-        return n_layers, n_held
 
     @property
     def voxels(self) -> NDArray[np.int32]:
@@ -164,7 +157,7 @@ class VoxelTile:
         arrays = (self.columns, self.layers, self.counts, self.normals, self.means)
         index = (self.index.layers, self.index.patch_starts, self.layer_numbers)
         n_words = self.n_patches**2 * (len(self.index.layers) // WORD_BITS + 1)
-        n_words += PATCH_WORDS * self._n_layers_and_patches[1]
+        n_words += PATCH_WORDS * self._found[1]
         occupancy = n_words * (np.uint64().nbytes + np.int32().nbytes)
         return sum(array.nbytes for array in arrays + index) + occupancy
 
@@ -176,20 +169,7 @@ def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArr
 
 
 TileT = TypeVar("TileT")
-TileOut = TypeVar("TileOut", covariant=True)
-
-
-class TileSource(Protocol[TileOut]):
-    """Where the tiles or the ground of a map come from: memory, disk, a network, or finer tiles."""
-
-    @property
-    def keys(self) -> frozenset[TileKey]:
-        """Keys of the tiles there are."""
-        ...
-
-    def load(self, key: TileKey) -> TileOut:
-        """Return one of them."""
-        ...
+PREFETCH_THREADS = 8
 
 
 class TilesInMemory(Generic[TileT]):
@@ -212,29 +192,30 @@ class TileCache(Generic[TileT]):
     make: returns the tile of a key; a tile has `n_bytes`, its memory with its indices.
     max_bytes: size of all tiles kept; the last one is kept whatever its size.
     keys: of the tiles that can be made.
-    fetch: begins to fetch what tiles are made of, where it comes through a network.
     """
 
-    def __init__(
-        self,
-        make: Callable[[TileKey], TileT],
-        max_bytes: int,
-        keys: Iterable[TileKey] = (),
-        fetch: Callable[[list[TileKey]], None] | None = None,
-    ) -> None:
+    def __init__(self, make: Callable[[TileKey], TileT], max_bytes: int, keys: Iterable[TileKey] = ()) -> None:
         self.keys = frozenset(keys)
         self._make = make
         self._max_bytes = max_bytes
-        self._fetch = fetch
         self._n_bytes = 0
         self._tiles: OrderedDict[TileKey, Any] = OrderedDict()
         self._loading: dict[TileKey, Future[TileT]] = {}
+        self._ahead: dict[TileKey, Future[None]] = {}
         self._lock = threading.Lock()
 
     def prefetch(self, keys: Iterable[TileKey]) -> None:
-        """Begin to fetch tiles that will be needed soon."""
-        if self._fetch is not None:
-            self._fetch([key for key in keys if key not in self._tiles])
+        """Begin to make tiles that will be needed soon, several at a time, in threads that end with this cache."""
+        with self._lock:
+            for key in keys:
+                if key in self.keys and not any(key in each for each in (self._tiles, self._loading, self._ahead)):
+                    self._ahead[key] = self._pool.submit(_load_ahead, weakref.ref(self), key)
+
+    @cached_property
+    def _pool(self) -> ThreadPoolExecutor:
+        pool = ThreadPoolExecutor(PREFETCH_THREADS, thread_name_prefix="prefetch")
+        weakref.finalize(self, pool.shutdown, wait=False, cancel_futures=True)
+        return pool
 
     def load(self, key: TileKey) -> TileT:
         """Return a tile that is kept, or else make it."""
@@ -262,3 +243,24 @@ class TileCache(Generic[TileT]):
             del self._loading[key]
         mine.set_result(tile)
         return tile  # type: ignore[no-any-return]
+
+
+def _load_ahead(cache: "weakref.ref[TileCache[Any]]", key: TileKey) -> None:
+    """Load a tile for a cache that nothing else may keep alive, so that its threads end with it."""
+    tiles = cache()
+    if tiles is None:
+        return
+    try:
+        tiles.load(key)
+    except Exception:  # what else is coming would fail as well; who asks for a tile gets the error
+        with tiles._lock:
+            for future in tiles._ahead.values():
+                future.cancel()
+            tiles._ahead.clear()
+        raise
+    finally:
+        tiles._ahead.pop(key, None)
+
+
+TileSource: TypeAlias = TilesInMemory[TileT] | TileCache[TileT]
+"""Where the tiles or the ground of a map come from: memory, or disk, a network, and finer tiles behind a cache."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: index and occupancy of a tile, and its voxels merged to larger ones.
+"""Compiled: index and occupancy of a tile, its voxels merged to larger ones, in a dense grid; tiles around positions.
 
 Arrays in, arrays out. Voxels come in the order (z, patch y, patch x, y, x); a layer of a tile has n_patches x n_patches
 patches of PATCH_VOXELS x PATCH_VOXELS columns.
@@ -13,114 +13,79 @@ from maxcon.map.layout import CANCELLED_LENGTH, MEAN_STEPS, NORMAL_STEPS, PATCH_
 
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 INSIDE = PATCH_VOXELS - 1
-
-
-@njit(nogil=True, cache=True)
-def _patch(x, y, n_patches):
-    """Number of the patch of a column in its layer."""
-    return (y >> PATCH_BITS) * n_patches + (x >> PATCH_BITS)
+PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 
 
 @njit(nogil=True, cache=True)
 def _place(x, y, edge):
     """Number of a column of a tile in the order of the search: (patch y, patch x, y, x)."""
-    return ((_patch(x, y, edge >> PATCH_BITS) << PATCH_BITS) + (y & INSIDE) << PATCH_BITS) + (x & INSIDE)
+    patch = (y >> PATCH_BITS) * (edge >> PATCH_BITS) + (x >> PATCH_BITS)
+    return ((patch << PATCH_BITS) + (y & INSIDE) << PATCH_BITS) + (x & INSIDE)
 
 
 @njit(nogil=True, cache=True)
-def count_layers_and_patches(columns, layers, edge):
-    """How many layers there are, and how many patches that hold voxels.
+def find_patches(columns, layers, edge):
+    """Find the z index of each layer, the first voxel of each patch of each layer, and how many patches hold voxels.
 
-    columns : (n, 2) int16; layers : (n,) int32; edge : voxels along an edge of the tile. -1 for both if a column lies
-    outside of it, or the voxels are not in order.
+    columns : (n, 2) int16; layers : (n,) int32; edge : voxels along an edge of the tile. Returns arrays of shape
+    (n_layers,) and (n_layers * n_patches**2 + 1,), int32, and the number, which is -1 if a column lies outside of the
+    tile, or the voxels are not in order.
     """
-    n_layers, n_patches, place_before = 0, 0, 0
+    n_layers, n_held, before, in_layer = 0, 0, 0, (edge >> PATCH_BITS) ** 2
     for k in range(columns.shape[0]):
         x, y = np.int64(columns[k, 0]), np.int64(columns[k, 1])
-        if x < 0 or x >= edge or y < 0 or y >= edge:
-            return -1, -1
         place = _place(x, y, edge)
-        if k == 0 or layers[k] != layers[k - 1]:
-            if k > 0 and layers[k] < layers[k - 1]:
-                return -1, -1
-            n_layers += 1
-            n_patches += 1
-        elif place <= place_before:
-            return -1, -1
-        else:
-            n_patches += place // PATCH_VOXELS**2 > place_before // PATCH_VOXELS**2
-        place_before = place
-    return n_layers, n_patches
-
-
-@njit(nogil=True, cache=True)
-def find_patches(columns, layers, n_patches, z_indices, patch_starts):
-    """Find the z index of each layer, and the first voxel of each patch of each layer; of voxels in order.
-
-    n_patches : along an edge of the tile; z_indices : (n_layers,) int32; patch_starts : (n_layers * n_patches**2 + 1,)
-    int32. Both out.
-    """
+        is_new = k == 0 or layers[k] > layers[k - 1]
+        if not (0 <= x < edge and 0 <= y < edge) or not (is_new or (layers[k] == layers[k - 1] and place > before)):
+            return np.empty(0, np.int32), np.zeros(1, np.int32), -1
+        n_layers += is_new
+        n_held += is_new or place >> 2 * PATCH_BITS > before >> 2 * PATCH_BITS
+        before = place
+    z_indices, patch_starts = np.empty(n_layers, np.int32), np.empty(n_layers * in_layer + 1, np.int32)
     layer, patch = -1, -1
     for k in range(columns.shape[0]):
         if k == 0 or layers[k] != layers[k - 1]:
             layer += 1
             z_indices[layer] = layers[k]
-        here = layer * n_patches**2 + _patch(np.int64(columns[k, 0]), np.int64(columns[k, 1]), n_patches)
+        here = layer * in_layer + (_place(np.int64(columns[k, 0]), np.int64(columns[k, 1]), edge) >> 2 * PATCH_BITS)
         while patch < here:
             patch += 1
             patch_starts[patch] = k
     patch_starts[patch + 1 :] = columns.shape[0]
+    return z_indices, patch_starts, n_held
 
 
 @njit(nogil=True, cache=True)
-def number_patches(patch_starts, held, numbers):
-    """Set a bit for each patch that holds voxels, and number them in the order (patch y, patch x, layer).
+def find_occupancy(patch_starts, columns, n_held, held, numbers):
+    """Set a bit for each patch that holds voxels and for each voxel, numbered in the order (patch y, patch x, layer).
 
-    held : (n_patches**2, n) uint64, in zeros, out; numbers : the same, int32, number of the first patch of each
-    word, out. Returns how many there are.
+    held : (n_patches**2, n) uint64, in zeros, out; numbers : the same, int32, out; see `Occupancy`, whose words and
+    firsts are returned.
     """
     n_places = held.shape[0]
     n_layers = (patch_starts.shape[0] - 1) // n_places
     for layer in range(n_layers):
         word, bit = layer // WORD_BITS, np.uint64(1) << np.uint64(layer % WORD_BITS)
         for place in range(n_places):
-            patch = layer * n_places + place
-            if patch_starts[patch + 1] > patch_starts[patch]:
+            if patch_starts[layer * n_places + place + 1] > patch_starts[layer * n_places + place]:
                 held[place, word] |= bit
-    n = 0
+    words, firsts = np.zeros((n_held, PATCH_WORDS), np.uint64), np.zeros((n_held, PATCH_WORDS), np.int32)
+    number = 0
     for place in range(n_places):
-        for word in range(held.shape[1]):
-            numbers[place, word] = n
-            bits = held[place, word]
-            while bits:
-                bits &= bits - np.uint64(1)
-                n += 1
-    return n
-
-
-@njit(nogil=True, cache=True)
-def set_bits(patch_starts, columns, numbers, words, firsts):
-    """Set a bit for each voxel, and find the first voxel of each word that is not empty.
-
-    numbers : as `number_patches` made them; words : (n_patches, 4) uint64, in zeros, out; firsts : the same,
-    int32, in zeros, out.
-    """
-    n_places = numbers.shape[0]
-    n_layers = (patch_starts.shape[0] - 1) // n_places
-    number = numbers[:, 0].copy()  # of the next patch of each place: layers come in order
-    for layer in range(n_layers):
-        for place in range(n_places):
-            patch = layer * n_places + place
-            first, end = patch_starts[patch], patch_starts[patch + 1]
-            if first == end:
-                continue
+        for layer in range(n_layers):
+            if layer % WORD_BITS == 0:
+                numbers[place, layer // WORD_BITS] = number
+            first, end = patch_starts[layer * n_places + place], patch_starts[layer * n_places + place + 1]
             for k in range(first, end):
                 bit = ((columns[k, 1] & INSIDE) << PATCH_BITS) | (columns[k, 0] & INSIDE)
                 word = bit // WORD_BITS
-                if words[number[place], word] == 0:
-                    firsts[number[place], word] = k
-                words[number[place], word] |= np.uint64(1) << np.uint64(bit % WORD_BITS)
-            number[place] += 1
+                if words[number, word] == 0:
+                    firsts[number, word] = k
+                words[number, word] |= np.uint64(1) << np.uint64(bit % WORD_BITS)
+            number += end > first
+        if n_layers % WORD_BITS == 0:
+            numbers[place, n_layers // WORD_BITS] = number
+    return words, firsts
 
 
 @njit(nogil=True, cache=True)
@@ -197,21 +162,6 @@ def merge(columns, layers, counts, normals, means, edge, factor, is_signed):
         to_columns[last].copy(), to_layers[last].copy(), to_counts[last].copy(), to_normals[last].copy(),
         to_means[last].copy(),
     )  # fmt: skip
-
-
-@njit(nogil=True, cache=True)
-def add_products(normals, tensor):
-    """Add the products xx, xy and yy of normals, (n, 3) float32, to a tensor, (2, 2)."""
-    xx = xy = yy = 0.0
-    for i in range(normals.shape[0]):
-        a, b = np.float64(normals[i, 0]), np.float64(normals[i, 1])
-        xx += a * a
-        xy += a * b
-        yy += b * b
-    tensor[0, 0] += xx
-    tensor[0, 1] += xy
-    tensor[1, 0] += xy
-    tensor[1, 1] += yy
 
 
 @njit(nogil=True, cache=True)
