@@ -11,6 +11,7 @@ from maxcon.errors import OptionError
 from maxcon.export import export_map
 from maxcon.map.layout import SurfaceClass
 from maxcon.mapping.build import MapOptions, build_map
+from written_las import write_las
 
 RNG = np.random.default_rng(0)
 CRS, CORNER = "EPSG:25832", np.array([550_000.0, 5_802_000.0, 60.0])
@@ -23,12 +24,7 @@ def city(tmp_path_factory):
     x = RNG.uniform(0.0, 40.0, 20_000)
     wall = np.column_stack([x, np.full(x.size, 5.0), RNG.uniform(0.0, 2.0, x.size)])
     floor = np.column_stack([x, RNG.uniform(0.0, 4.0, x.size), np.zeros(x.size)])
-    header = laspy.LasHeader(version="1.4", point_format=6)
-    header.scales, header.offsets = np.full(3, 0.001), CORNER
-    cloud = laspy.LasData(header)
-    cloud.xyz = np.concatenate([wall, floor]) + CORNER
-    cloud.classification = np.repeat([6, 2], x.size)
-    cloud.write(folder / "cloud.laz")
+    write_las(folder / "cloud.laz", np.concatenate([wall, floor]) + CORNER, classes=np.repeat([6, 2], x.size))
     build_map([folder / "cloud.laz"], folder / "city.map", MapOptions(crs=CRS, cell=0.06))
     return folder / "city.map"
 
