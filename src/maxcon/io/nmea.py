@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,12 @@ SIGMAS_OF_ONE = {1: 5.0, 2: 2.0, 3: 2.0, 4: 0.05, 5: 0.5}
 """Standard deviation of east, and of north, m, that a HDOP of 1 is taken to mean, by GGA's quality: single,
 differential, PPS, RTK fixed, RTK float. Others, such as dead reckoning, state nothing."""
 GNS_QUALITY = (("R", 4), ("F", 5), ("D", 2), ("P", 3), ("A", 1), ("E", 6))
-N_COLUMNS = {"time": 2, "date": 2, "sigmas": 4, "position": 7, "HDT": 6, "PASHR": 6}
+N_COLUMNS = {"no fix": 2, "time": 2, "date": 2, "sigmas": 4, "position": 7, "HDT": 6, "PASHR": 6}
 """Of what is kept of sentences; the first is the place in the log, the second a time of the day, s (a date: s since
 1970). Then sigmas of east and north, m; latitude, longitude, degrees, altitude, geoid, m, and a sigma that is assumed,
 m; or azimuth, roll to starboard, nose up and sigma of the azimuth, degrees. What is not said is NaN."""
+TIMED = ("GGA", "GNS", "RMC", "ZDA", "GST", "PASHR")
+"""Sentences that begin with a time of the day."""
 
 
 def is_nmea(file: Path) -> bool:
@@ -59,14 +61,22 @@ def read_nmea(file: Path) -> ReceiverLog:
     Returns times are UTC, seconds since 1970. Heights are ellipsoidal: the altitude and the receiver's own geoid height
         are added; or above the geoid, if it never states the latter.
     """
-    log = _Log()
+    rows: dict[str, list[tuple[float, ...]]] = {kind: [] for kind in N_COLUMNS}
+    n_sentences = n_broken = 0
     with reading(file, "a log of NMEA sentences"), open_regular(file) as stream:
         for content, checksum in _sentences(stream):
-            log.take(content, checksum)
-    if not log.n_sentences:
-        broken = f"{log.n_broken} with a wrong checksum, or without" if log.n_broken else "none"
+            if checksum is None or int(checksum, 16) != reduce(xor, content):
+                n_broken += 1
+                continue
+            n_sentences += 1
+            for kind, time, *values in _said(content.decode("ascii").split(",")):
+                if kind == "HDT" or not math.isnan(time):
+                    rows[kind].append((n_sentences, time, *values))
+    if not n_sentences:
+        broken = f"{n_broken} with a wrong checksum, or without" if n_broken else "none"
         raise FileError(f"Expected NMEA sentences in {file}, got {broken}. Is it the right file?")
-    return _finished(file, log)
+    said = {kind: np.array(values).reshape(-1, N_COLUMNS[kind]) for kind, values in rows.items()}
+    return _finished(file, said, n_broken)
 
 
 def _sentences(stream: BinaryIO) -> Iterator[tuple[bytes, bytes | None]]:
@@ -82,71 +92,46 @@ def _sentences(stream: BinaryIO) -> Iterator[tuple[bytes, bytes | None]]:
             return
 
 
-class _Log:
-    """What has been read so far: numbers of sentences, by what they say (`N_COLUMNS`)."""
-
-    def __init__(self) -> None:
-        self._rows: dict[str, list[tuple[float, ...]]] = {kind: [] for kind in N_COLUMNS}
-        self.n_sentences = self.n_broken = self.n_without_fix = 0
-
-    def take(self, content: bytes, checksum: bytes | None) -> None:
-        """Keep what a sentence says; one without the fields that it should have says nothing."""
-        if checksum is None or int(checksum, 16) != reduce(xor, content):
-            self.n_broken += 1
-            return
-        self.n_sentences += 1
-        name, *texts = content.decode("ascii").split(",")
-        kind = name if name == "PASHR" else name[2:]
-        texts += [""] * 12
-        time = _time_of_day(texts[0])
-        if kind in ("GGA", "GNS", "RMC", "ZDA", "GST", "PASHR"):
-            self._add("time", time)
-        if kind in ("GGA", "GNS"):
-            self._take_position(kind, time, texts)
-        elif kind == "RMC" and texts[1] == "A":
-            day, month, year = (texts[8][i : i + 2] for i in (0, 2, 4))
-            self._add("date", time + _midnight(day, month, f"{'19' if year >= '80' else '20'}{year}"))
-        elif kind == "ZDA":
-            self._add("date", time + _midnight(*texts[1:4]))
-        elif kind == "GST" and _number(texts[5]) >= 0.0 and _number(texts[6]) >= 0.0:
-            self._add("sigmas", time, _number(texts[6]), _number(texts[5]))
-        elif kind == "HDT" and not math.isnan(_number(texts[0])):
-            self._rows[kind].append((self.n_sentences, math.nan, _number(texts[0]), 0.0, 0.0, math.nan))
-        elif kind == "PASHR" and texts[2] == "T" and not math.isnan(sum(_number(texts[i]) for i in (1, 3, 4))):
-            self._add(kind, time, *(_number(texts[i]) for i in (1, 3, 4, 8)))
-
-    def _add(self, kind: str, time: float, *values: float) -> None:
-        if not math.isnan(time):
-            self._rows[kind].append((self.n_sentences, time, *values))
-
-    def _take_position(self, kind: str, time: float, texts: list[str]) -> None:
+def _said(parts: list[str]) -> Iterator[tuple[Any, ...]]:
+    """Yield what a sentence says: a kind of `N_COLUMNS`, a time and its numbers; nothing where fields are missing."""
+    kind, texts = parts[0] if parts[0] == "PASHR" else parts[0][2:], parts[1:] + [""] * 12
+    time, numbers = _time_of_day(texts[0]), [_number(text) for text in texts]
+    if kind in TIMED:
+        yield "time", time
+    if kind in ("GGA", "GNS"):
         if kind == "GGA":
             quality = int(texts[5]) if texts[5].isdecimal() else 0
-            hdop, altitude, geoid = texts[7], texts[8], texts[10]
+            hdop, altitude, geoid = numbers[7], numbers[8], numbers[10]
         else:
             quality = next((number for letter, number in GNS_QUALITY if letter in texts[5]), 0)
-            hdop, altitude, geoid = texts[7:10]
+            hdop, altitude, geoid = numbers[7:10]
         latitude, longitude = _degrees(texts[1], texts[2], "NS"), _degrees(texts[3], texts[4], "EW")
         if not 1 <= quality <= 6 or math.isnan(time) or not is_place([latitude, longitude, 0.0]):
-            self.n_without_fix += 1
-            return
-        sigma = _number(hdop) * SIGMAS_OF_ONE.get(quality, math.nan)
-        self._add("position", time, latitude, longitude, _number(altitude), _number(geoid), sigma)
+            yield "no fix", 0.0
+        else:
+            yield "position", time, latitude, longitude, altitude, geoid, hdop * SIGMAS_OF_ONE.get(quality, math.nan)
+    elif kind == "RMC" and texts[1] == "A":
+        day, month, year = (texts[8][i : i + 2] for i in (0, 2, 4))
+        yield "date", time + _midnight(day, month, f"{'19' if year >= '80' else '20'}{year}")
+    elif kind == "ZDA":
+        yield "date", time + _midnight(*texts[1:4])
+    elif kind == "GST" and numbers[5] >= 0.0 and numbers[6] >= 0.0:
+        yield "sigmas", time, numbers[6], numbers[5]
+    elif kind == "HDT" and not math.isnan(numbers[0]):
+        yield "HDT", math.nan, numbers[0], 0.0, 0.0, math.nan
+    elif kind == "PASHR" and texts[2] == "T" and not math.isnan(numbers[1] + numbers[3] + numbers[4]):
+        yield "PASHR", time, numbers[1], numbers[3], numbers[4], numbers[8]
 
-    def rows(self, kind: str) -> NDArray[np.float64]:
-        """All that sentences say of a kind, shape (n, columns)."""
-        return np.array(self._rows[kind]).reshape(-1, N_COLUMNS[kind])
 
-
-def _finished(file: Path, log: _Log) -> ReceiverLog:
+def _finished(file: Path, said: dict[str, NDArray[np.float64]], n_broken: int) -> ReceiverLog:
     """What was read, sorted by time; GGA and GNS of one time are one."""
-    positions, dates = log.rows("position"), log.rows("date")
-    n_positions = len(positions)
+    positions, dates, stated = said["position"], said["date"], said["sigmas"]
+    n_positions, n_without_fix = len(positions), len(said["no fix"])
     kind = Heights.ELLIPSOIDAL if np.isfinite(positions[:, 4] + positions[:, 5]).any() else Heights.ORTHOMETRIC
     heights = positions[:, 4] + (positions[:, 5] if kind is Heights.ELLIPSOIDAL else 0.0)
     positions, heights = positions[np.isfinite(heights)], heights[np.isfinite(heights)]
     if not len(positions):
-        got = "positions without heights" if n_positions else f"{log.n_without_fix} sentences without a fix"
+        got = "positions without heights" if n_positions else f"{n_without_fix} sentences without a fix"
         raise TrajectoryError(f"{file}: Expected positions with heights (GGA or GNS), got {got}. Log GGA with a fix.")
     if not len(dates):
         raise TrajectoryError(
@@ -155,21 +140,20 @@ def _finished(file: Path, log: _Log) -> ReceiverLog:
         )
     times, first = np.unique(_dated(positions, dates), return_index=True)
     positions, heights = positions[first], heights[first]
-    stated = log.rows("sigmas")
     of_time = dict(zip(_dated(stated, dates).tolist(), stated[:, 2:].tolist(), strict=True))
     assumed = np.repeat(positions[:, 6:], 2, axis=1).tolist()
     sigmas = np.array([of_time.get(time, beside) for time, beside in zip(times.tolist(), assumed, strict=True)])
     sigmas[~(sigmas.sum(axis=1) > 0.0)] = np.nan
-    n_left_out = log.n_without_fix + n_positions - len(times)
+    n_left_out = n_without_fix + n_positions - len(times)
     places = np.column_stack([positions[:, 2:4], heights])
     n_stated = sum(time in of_time for time in times.tolist())
     n_known = int((~np.isnan(sigmas[:, 0])).sum())
     words = f"times: UTC; sigmas: {n_stated} of GST, {n_known - n_stated} of HDOP, {len(times) - n_known} unknown"
-    if log.n_broken:
-        words += f"; {log.n_broken} sentences with a wrong checksum, or without, left out"
+    if n_broken:
+        words += f"; {n_broken} sentences with a wrong checksum, or without, left out"
     if kind is Heights.ELLIPSOIDAL:
         words += f"; geoid height of the log {np.nanmedian(positions[:, 5]):.2f} m"
-    orientations = _orientations(file, log, dates)
+    orientations = _orientations(file, said, dates)
     return ReceiverLog(times, places, covariances_of(sigmas), n_left_out, kind, orientations, words)
 
 
@@ -179,11 +163,11 @@ def _dated(rows: NDArray[np.float64], dates: NDArray[np.float64]) -> NDArray[np.
     return np.asarray(rows[:, 1] + DAY * np.round((said - rows[:, 1]) / DAY), dtype=np.float64)
 
 
-def _orientations(file: Path, log: _Log, dates: NDArray[np.float64]) -> Orientations | None:
+def _orientations(file: Path, said: dict[str, NDArray[np.float64]], dates: NDArray[np.float64]) -> Orientations | None:
     """Orientations of PASHR, which have times of their own, or of HDT, which are of the sentence before with a time."""
-    turns, timed, name = log.rows("PASHR"), log.rows("time"), "PASHR"
-    if not len(turns):
-        turns, name = log.rows("HDT"), "HDT"
+    name = "PASHR" if len(said["PASHR"]) else "HDT"
+    turns, timed = said[name], said["time"]
+    if name == "HDT":
         if not len(turns) or not len(timed):
             return None
         leads = turns[0, 0] < timed[0, 0]  # a receiver that says HDT first in each epoch
