@@ -29,6 +29,8 @@ HEADER_BYTES = 227  # of LAS 1.0 to 1.2; 1.4 has 375
 MAX_RECORDS_BYTES = 2**28
 MAX_EVLRS = 10_000
 MAX_WKT_BYTES = 2**20
+RECORD_HEAD, EXTENDED_HEAD = struct.Struct("<2x16sHH32x"), struct.Struct("<2x16sHQ32x")
+"""User, number and length of records before and behind the points."""
 CRS_USER, WKT, GEO_KEYS = b"LASF_Projection", 2112, 34735
 PROJECTED_KEY, GEODETIC_KEY = 3072, 2048
 # The parallel decompressor holds whole chunks (usually 50,000 points); larger ones are read in one thread.
@@ -214,8 +216,12 @@ def _read_layout(stream: BinaryIO) -> _Layout:
 
 def _read_crs(stream: BinaryIO, layout: _Layout) -> FileCrs:
     """The CRS of an open file; ValueError if its extended records are not there."""
+    at, _, n_records = struct.unpack("<HII", _bytes_at(stream, 94, 10))
+    extended = list(_records(stream, layout.evlr_start, layout.n_evlrs, EXTENDED_HEAD))
+    if len(extended) < layout.n_evlrs:
+        raise ValueError(f"the end of the file before the last of {layout.n_evlrs} extended records: truncated")
     found: dict[tuple[bytes, int], bytes] = {}
-    for user, number, content in [*_records(stream), *_extended_records(stream, layout)]:
+    for user, number, content in [*_records(stream, at, n_records, RECORD_HEAD), *extended]:
         if content.strip(b"\0 "):
             found.setdefault((user, number), content)
     if wkt := found.get((CRS_USER, WKT)):
@@ -227,28 +233,17 @@ def _read_crs(stream: BinaryIO, layout: _Layout) -> FileCrs:
     return read_file_crs(other) if of_keys.crs is None and other else of_keys
 
 
-def _records(stream: BinaryIO) -> Iterator[tuple[bytes, int, bytes]]:
-    """Yield user, number and content of the records between header and points."""
-    at, start, n_records = struct.unpack("<HII", _bytes_at(stream, 94, 10))
+def _records(stream: BinaryIO, at: int, n_records: int, head: struct.Struct) -> Iterator[tuple[bytes, int, bytes]]:
+    """Yield user, number and content of records as far as they are there; contents too large for WKT are left out."""
+    size = stream.seek(0, 2)
     for _ in range(n_records):
-        head = _bytes_at(stream, at, 54)
-        if len(head) < 54 or at + 54 > start:
+        if at + head.size > size:
             return
-        number, length = struct.unpack_from("<HH", head, 18)
-        yield head[2:18].partition(b"\0")[0], number, stream.read(length)
-        at += 54 + length
-
-
-def _extended_records(stream: BinaryIO, layout: _Layout) -> Iterator[tuple[bytes, int, bytes]]:
-    """Yield the same of the records at the end of the file; contents too large for WKT are left out."""
-    size, at = stream.seek(0, 2), layout.evlr_start
-    for _ in range(layout.n_evlrs):
-        head = _bytes_at(stream, min(at, size), 60)
-        number, length = struct.unpack_from("<HQ", head.ljust(60, b"\xff"), 18)
-        if at + 60 + length > size:
-            raise ValueError(f"the end of the file before the last of {layout.n_evlrs} extended records: truncated")
-        yield head[2:18].rstrip(b"\0"), number, stream.read(length) if length <= MAX_WKT_BYTES else b""
-        at += 60 + length
+        user, number, length = head.unpack(_bytes_at(stream, at, head.size))
+        at += head.size + length
+        if at > size and head is EXTENDED_HEAD:  # of others what is there is looked at: it may be a damaged CRS
+            return
+        yield user.partition(b"\0")[0], number, stream.read(length) if length <= MAX_WKT_BYTES else b""
 
 
 def _of_keys(content: bytes) -> FileCrs:
