@@ -124,25 +124,20 @@ def place_fixes(
     positions, words_of_heights = _positions(log, frame, geoid_height, label)
     courses = _courses(log.times, positions)
     imu = log.orientations
-    rows, quaternions, sigmas = _turns_at(log, imu, frame)
-    words, is_measured = "", len(rows) > 0
-    if imu is None or not is_measured:
+    measured = None if imu is None else _measured(log, imu, frame)
+    others = ""
+    if imu is None or measured is None:
         if courses is None:
             raise TrajectoryError(
                 f"{label}: Expected orientations beside the positions, or a way of more than {BASELINE:g} m to tell"
                 " headings from, got neither. Give the poses as a file: --prior."
             )
-        rows, quaternions = np.arange(len(courses)), np.tile([0.0, 0.0, 0.0, 1.0], (len(courses), 1))
-        words = f"{COURSE}; roll and pitch 0"
+        others = f"{COURSE}; roll and pitch 0"
+        measured = np.arange(len(courses)), np.tile([0.0, 0.0, 0.0, 1.0], (len(courses), 1)), np.empty(0), ""
     elif courses is not None and not are_sure:
-        words = _words_of_others(imu.topic, quaternions, courses[rows])
-        is_measured = not words
-    if imu is not None and is_measured:
-        words = f"orientations of {imu.topic}"
-        if np.isnan(sigmas).any():
-            words += f", whose headings state no sigma: {math.degrees(ASSUMED_SIGMA):g} degrees assumed"
-        sigmas = np.where(np.isnan(sigmas), ASSUMED_SIGMA, sigmas)
-    elif courses is not None:
+        others = _words_of_others(imu.topic, measured[1], courses[measured[0]])
+    rows, quaternions, sigmas, words = measured
+    if courses is not None and others:
         roll, pitch, _ = angles_from_quaternions(quaternions).T
         quaternions = quaternions_from_angles(roll, pitch, courses[rows])
         # Of the direction between two positions that err independently.
@@ -156,9 +151,9 @@ def place_fixes(
     left = f"; {log.n_left_out} messages without a fix left out" if log.n_left_out else ""
     return RecordedPoses(
         checked_trajectory(label, log.times[rows], positions[rows], quaternions, known),
-        f"{log.words}; {words}; heights: {words_of_heights}{left}",
+        f"{log.words}; {others or words}; heights: {words_of_heights}{left}",
         None if frame.has_heights or geoid_height is not None else log.heights,
-        is_measured,
+        not others,
         left_out=log.left_out,
     )
 
@@ -236,22 +231,24 @@ def _words_of_others(topic: str, quaternions_xyzw: NDArray[np.float64], courses:
     )
 
 
-def _turns_at(
-    log: ReceiverLog, imu: Orientations | None, frame: GeographicFrame
-) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
-    """Which positions have an orientation; these in the axes of the map; and the sigmas of their headings."""
+def _measured(
+    log: ReceiverLog, imu: Orientations, frame: GeographicFrame
+) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], str] | None:
+    """Which positions have an orientation; these in the axes of the map; sigmas of their headings; all in words."""
     rows: list[int] = []
     angles = []
     for row, time in enumerate(log.times.tolist()):
         with suppress(TrajectoryError):
-            if imu is not None:
-                angles.append(imu.trajectory.at(time, MAX_GAP).values[3:])
-                rows.append(row)
-    if imu is None or not rows:
-        return np.empty(0, np.intp), np.empty((0, 4)), np.empty(0)
-    turns = quaternions_from_angles(*np.array(angles).T)
+            angles.append(imu.trajectory.at(time, MAX_GAP).values[3:])
+            rows.append(row)
+    if not rows:
+        return None
+    turned = frame.quaternions_to_map(log.places[rows], quaternions_from_angles(*np.array(angles).T))
     later = np.searchsorted(imu.trajectory.times, log.times[rows]).clip(max=len(imu.trajectory) - 1)
-    return np.array(rows, np.intp), frame.quaternions_to_map(log.places[rows], turns), imu.sigmas[later]
+    sigmas, words = imu.sigmas[later], f"orientations of {imu.topic}"
+    if np.isnan(sigmas).any():
+        words += f", whose headings state no sigma: {math.degrees(ASSUMED_SIGMA):g} degrees assumed"
+    return np.array(rows), turned, np.where(np.isnan(sigmas), ASSUMED_SIGMA, sigmas), words
 
 
 def _courses(times: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64] | None:
