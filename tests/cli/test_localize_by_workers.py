@@ -217,8 +217,9 @@ def test_drives_that_are_stopped_go_on(drive, long_table, long_drive, maxcon, ma
         _, err = process.communicate(timeout=600)
     if name == "SIGINT":
         assert (process.returncode, err) == (128 + number, "maxcon: stopped\n")
-    kept = PosesDataset(out).rows("long").to_pylist()
-    assert maxcon(*arguments).code == 0
+    kept, others = (PosesDataset(out).rows(drive).to_pylist() for drive in ("long", "0013"))
+    ended = maxcon(*arguments)
+    assert ended.code == 0 and f"{len(kept) + len(others)} of them were there" in ended.out
     assert dataset_rows(out, "long") == single("long", *long_drive)
     after = {row["epoch"]: row for row in PosesDataset(out).rows("long").to_pylist()}
     assert kept and all(after[row["epoch"]] == row for row in kept)  # times and all: not made again
