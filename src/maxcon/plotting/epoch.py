@@ -207,13 +207,13 @@ def draw_scene(axes: Axes, scene: Scene) -> list[Artist]:
         handles.extend(axes.plot(at.x, at.y, ls="", label=label, zorder=8, **style))
 
     handles.append(square)
-    mark(prior, "prior", marker="X", ms=9, mfc=PRIOR_COLOR, mec="white", mew=1.0)
     if scene.has_answer:
         arrow = 0.16 * window.size[0]
         tip = (pose.x + arrow * math.cos(pose.heading), pose.y + arrow * math.sin(pose.heading))
         line = {"arrowstyle": "-|>", "color": INK, "lw": 2.0, "shrinkA": 0.0}
         axes.annotate("", tip, (pose.x, pose.y), arrowprops=line, zorder=7)
         mark(pose, "sensor and heading", marker="o", ms=8, mfc="#f0e442", mec="black", mew=1.0)
+    mark(prior, "prior", marker="X", ms=9, mfc=PRIOR_COLOR, mec="white", mew=1.0)  # last: the sensor would hide it
     if scene.reference is not None:
         mark(scene.reference, "reference", marker="+", ms=15, mec="black", mew=1.4)
     draw_scale_bar(axes, window)

@@ -70,7 +70,7 @@ def count_voxels(point_map: PointMap, window: Window) -> tuple[Window, NDArray[n
 
 
 def draw_map(axes: "Axes", point_map: PointMap | None, window: Window) -> None:
-    """Draw the map, if there is one, in light greys; fix the axes to the window, equal in x and y."""
+    """Draw the map, if there is one, in light greys; fix the axes to the window, equal, and say where they begin."""
     if point_map is not None:
         covered, n_voxels = count_voxels(point_map, window)
         top = max(2.0, float(np.percentile(n_voxels[n_voxels > 0], 95))) if n_voxels.any() else 2.0
@@ -82,8 +82,9 @@ def draw_map(axes: "Axes", point_map: PointMap | None, window: Window) -> None:
     axes.set_xlim(window.west, window.east)
     axes.set_ylim(window.south, window.north)
     axes.set_aspect("equal")
-    axes.set_xlabel("x, local frame [m]")
-    axes.set_ylabel("y, local frame [m]")
+    east, north = (0.0, 0.0) if point_map is None else point_map.frame.origin[:2]
+    axes.set_xlabel(f"x [m] from {east:.0f} m east" if east else "x [m]")
+    axes.set_ylabel(f"y [m] from {north:.0f} m north" if north else "y [m]")
 
 
 def map_patch() -> "Patch":

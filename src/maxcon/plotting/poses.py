@@ -37,8 +37,7 @@ def plot_poses(
     """
     places = point_map.frame.to_local(poses.positions)
     window = Window.with_room(places)
-    east, north, _ = point_map.frame.origin
-    words = f"{len(poses)} poses. Local frame: {east:.0f} m east and {north:.0f} m north are (0, 0)."
+    words = f"{len(poses)} poses."
     with map_figure(path, window, point_map, (title, words)) as (figure, axes):
         if prior is not None:
             rough = point_map.frame.to_local(prior.positions)

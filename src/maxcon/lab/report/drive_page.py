@@ -224,8 +224,7 @@ def _from_above(path: Path, drive: LocalizedDrive, covariances: NDArray[np.float
     largest = ELLIPSE * np.sqrt(np.maximum(values[:, 1], 0.0))
     median = float(np.median(largest[largest > 0.0])) if (largest > 0.0).any() else 1.0
     factor = round_length(max(1.0, SEEN * max(window.size) / (2.0 * median)))
-    east, north, _ = drive.point_map.frame.origin
-    words = f"Ellipses of 95 %, {factor:g} times as large. {east:.0f} m east and {north:.0f} m north are (0, 0)."
+    words = f"Ellipses of 95 %, {factor:g} times as large as they are."
     with map_figure(path, window, drive.point_map, ("The drive from above", words), side=8.2) as (figure, axes):
         rough = np.array([(math.nan,) * 2 if pose is None else pose.position[:2] for pose in priors])
         if np.isfinite(rough).any():
