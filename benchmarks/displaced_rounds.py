@@ -17,8 +17,9 @@ import numpy as np
 
 from maxcon.geometry import rotation_matrices
 from maxcon.io.trajectories import read_trajectory, write_tum
-from maxcon.lab.simulation import CampaignWorld, GeoreferencingErrors, draw_georeferencing_errors
 from maxcon.lab.simulation.datasets import CITY_ORIGIN
+from maxcon.lab.simulation.drive import GeoreferencingErrors, draw_georeferencing_errors
+from maxcon.lab.simulation.worlds import CampaignWorld
 from maxcon.scan.trajectory import Trajectory
 
 PAUSE = 20.0

@@ -35,9 +35,10 @@ from maxcon.drive.localize import DriveOptions
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import open_drives
-from maxcon.lab.simulation import CampaignWorld, LasClass, RotatingScanner
 from maxcon.lab.simulation.datasets import CITY_ORIGIN, write_epochs
-from maxcon.lab.simulation.worlds import EPOCH_STEP, MOST_EPOCHS, SCAN_START
+from maxcon.lab.simulation.furniture import LasClass
+from maxcon.lab.simulation.scanners import RotatingScanner
+from maxcon.lab.simulation.worlds import EPOCH_STEP, MOST_EPOCHS, SCAN_START, CampaignWorld
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
 from maxcon.mapping.build import Area
 from maxcon.mapping.update import UpdateOptions

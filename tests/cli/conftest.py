@@ -17,7 +17,8 @@ from maxcon.cli import main
 from maxcon.cli.terminal import STOPPING
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.simulation import ProfileScanner, simulate
+from maxcon.lab.simulation import simulate
+from maxcon.lab.simulation.scanners import ProfileScanner
 from maxcon.mapping.build import MapOptions, build_map
 
 SCRIPT = "from maxcon.cli import main; main()"

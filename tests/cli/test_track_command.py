@@ -9,7 +9,8 @@ from localized_poses import rows_of
 from maxcon import Trajectory
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.simulation import ProfileScanner, simulate
+from maxcon.lab.simulation import simulate
+from maxcon.lab.simulation.scanners import ProfileScanner
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from maxcon.errors import FileError
 from maxcon.geometry import Pose
 from maxcon.io.raw_scan import DeskewedScans, MergedScans
 from maxcon.io.scans import RawScan, Scans
-from maxcon.lab.simulation import RotatingScanner
+from maxcon.lab.simulation.scanners import RotatingScanner
 from maxcon.scan import Scan
 from maxcon.scan.normals import estimate_scan_normals
 from maxcon.scan.trajectory import Trajectory

@@ -5,7 +5,9 @@
 import pytest
 
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.simulation import CampaignWorld, ProfileScanner, RotatingScanner, SimulatedWorld, SuburbWorld, simulate
+from maxcon.lab.simulation import simulate
+from maxcon.lab.simulation.scanners import ProfileScanner, RotatingScanner
+from maxcon.lab.simulation.worlds import CampaignWorld, SimulatedWorld, SuburbWorld
 
 SEED = 3
 THIN_PROFILES = tuple(ProfileScanner(turn_deg=turn, line_rate=25.0, points_per_line=300) for turn in (45.0, -45.0))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon.geometry import wrap_angle
-from maxcon.lab.simulation import ProfileScanner
+from maxcon.lab.simulation.scanners import ProfileScanner
 
 THIN = (ProfileScanner(line_rate=1.0, points_per_line=90),)
 

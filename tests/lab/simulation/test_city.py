@@ -5,8 +5,9 @@
 import numpy as np
 import pytest
 
-from maxcon.lab.simulation import CAMPAIGN_GRID, LasClass, StreetGrid, build_city
-from maxcon.lab.simulation.city import build_periodic_city
+from maxcon.lab.simulation.city import build_city, build_periodic_city
+from maxcon.lab.simulation.furniture import LasClass
+from maxcon.lab.simulation.streets import CAMPAIGN_GRID, StreetGrid
 
 CROSS = StreetGrid(u_lines=(0.0,), v_lines=(0.0,), carriageway=4.0, sidewalk=2.0, margin=30.0)
 VEHICLES = LasClass.VEHICLE

@@ -10,19 +10,17 @@ import pytest
 
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose, wrap_angle
-from maxcon.lab.simulation import (
-    CAMPAIGN_GRID,
+from maxcon.lab.simulation import PriorErrors
+from maxcon.lab.simulation.drive import (
+    GNSS_BOUNDS,
     OdometryErrors,
-    PriorErrors,
     RoundDriver,
-    circuit_through,
     draw_georeferencing_errors,
     draw_gnss_errors,
     drive_along,
     drive_round,
-    route_over_crossing,
 )
-from maxcon.lab.simulation.drive import GNSS_BOUNDS
+from maxcon.lab.simulation.streets import CAMPAIGN_GRID, circuit_through, route_over_crossing
 
 ROUTE = route_over_crossing(0.5, 60.0, 40.0)
 

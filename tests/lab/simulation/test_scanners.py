@@ -5,7 +5,9 @@
 import numpy as np
 import pytest
 
-from maxcon.lab.simulation import DeskewErrors, Drive, RotatingScanner, ScannerLayout, scan_moving
+from maxcon.lab.simulation import ScannerLayout
+from maxcon.lab.simulation.drive import Drive
+from maxcon.lab.simulation.scanners import DeskewErrors, RotatingScanner, scan_moving
 
 
 def _distances_to_hit_planes(returns, caster):

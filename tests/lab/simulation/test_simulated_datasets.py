@@ -16,17 +16,10 @@ from maxcon.errors import FileError, OptionError
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab import simulation
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.simulation import (
-    CampaignWorld,
-    LasClass,
-    ProfileScanner,
-    RotatingScanner,
-    ScannerLayout,
-    SuburbWorld,
-    simulate,
-    simulate_campaign,
-    simulate_suburb,
-)
+from maxcon.lab.simulation import ScannerLayout, simulate, simulate_campaign, simulate_suburb
+from maxcon.lab.simulation.furniture import LasClass
+from maxcon.lab.simulation.scanners import ProfileScanner, RotatingScanner
+from maxcon.lab.simulation.worlds import CampaignWorld, SuburbWorld
 from maxcon.mapping.build import build_map
 
 THINNEST = {

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from maxcon import Scan
-from maxcon.lab.simulation import LasClass, ScannerLayout, draw_road, drive_along
-from maxcon.lab.simulation.furniture import boxes
+from maxcon.lab.simulation import ScannerLayout
+from maxcon.lab.simulation.drive import drive_along
+from maxcon.lab.simulation.furniture import LasClass, boxes
+from maxcon.lab.simulation.suburb_ground import draw_road
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@
 import numpy as np
 import pytest
 
-from maxcon.lab.simulation import CAMPAIGN_GRID, LasClass, RotatingScanner
-from maxcon.lab.simulation.furniture import boxes
-from maxcon.lab.simulation.streets import STREET_ANGLE
+from maxcon.lab.simulation.furniture import LasClass, boxes
+from maxcon.lab.simulation.scanners import RotatingScanner
+from maxcon.lab.simulation.streets import CAMPAIGN_GRID, STREET_ANGLE
 from maxcon.lab.simulation.traffic import CrowdedCaster, RoadUser, RoadUserShape, Traffic
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from maxcon.lab.baselines import Icp, MultiStart
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.simulation import PriorErrors, ProfileScanner, simulate
+from maxcon.lab.simulation import PriorErrors, simulate
+from maxcon.lab.simulation.scanners import ProfileScanner
 from maxcon.lab.study import Study, StudyMethod, choose_methods, run_study
 from maxcon.search.space import SearchSpace
 
