@@ -63,7 +63,6 @@ def plot_distinctness(
 ) -> None:
     """Draw the distributions of peak ratio, kurtosis, divergence and spread, with the median of each method.
 
-    path: a .png or .svg to write.
     by_method: by the method's name, values of shape (n,) by the names of `MEASURES`, all of the same epochs; NaN where
         one is not defined.
     """
@@ -177,7 +176,6 @@ def plot_kurtosis_map(
     Both share one colour scale, logarithmic where the values are skewed. Epochs whose circles would cover
     those of an earlier one are left out; the picture says how many are shown.
 
-    path: a .png or .svg to write.
     places: shape (n, 2), n > 0; reference positions, local frame, m.
     small, large: what the small and the large circles stand for, and the kurtosis along the significant ray, shape
         (n,); NaN where it is not defined.

@@ -59,7 +59,6 @@ def plot_overview(
 ) -> None:
     """Draw one epoch from above, with its search space and those of other epochs on the ground.
 
-    path: a .png or .svg to write.
     scan: sensor frame; drawn at the prior, without level ground.
     estimate: the answer; the consensus set is drawn at its pose.
     accumulator: the moments of every cell of this epoch.

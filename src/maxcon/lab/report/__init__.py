@@ -47,7 +47,6 @@ def check_jinja2() -> None:
 def write_page(path: str | os.PathLike[str], template: str, page: Mapping[str, Any]) -> None:
     """Write a page as one HTML file.
 
-    path: the file to write.
     template: name of the template in `maxcon/lab/report/templates`: "demo.html.j2" or "study.html.j2".
     page: all values that the template refers to as `page`; all of them are escaped.
     """

@@ -63,7 +63,6 @@ def plot_sigmas(path: str | os.PathLike[str], panels: Sequence[SigmaPanel], *, t
 
     Below, the fraction of errors within k sigmas, over k, beside that of a normal distribution.
 
-    path: a .png or .svg to write.
     panels: side by side; each with at least one epoch that has an error and a sigma.
     """
     promised = ", ".join(f"{100.0 * fraction:.1f}" for fraction in PROMISED)
@@ -133,7 +132,6 @@ def plot_stanford(
 
     Below each panel stands the upper limit, with 95 % confidence, of the rate at which errors exceed their level.
 
-    path: a .png or .svg to write.
     errors_by_direction: shape (n,); m, by the name of the direction; the sign does not matter. NaN without an answer.
     levels_by_direction: shape (n,); protection levels, m, under the same names; NaN where there is none: these
         errors are drawn in a strip above the diagram.
@@ -214,7 +212,6 @@ def plot_risk_coverage(path: str | os.PathLike[str], by_method: Mapping[str, Ris
     Filled markers: the answers that the method itself says may be used, with an interval of 95 %. Open markers: all
     answers, if it withholds any. Lines: the most trusted answers first; a method without measures of trust has none.
 
-    path: a .png or .svg to write.
     by_method: by the method's name, at most 8, each of some epochs.
     """
     labels = [f"{name}: {found.n_trusted_wrong:,} of {found.n_trusted:,}" for name, found in by_method.items()]

@@ -52,7 +52,6 @@ LOOKS = {
 def plot_prior_error(path: str | os.PathLike[str], levels_by_drive: Mapping[str, Levels]) -> None:
     """Draw how many epochs are right, how many wrong but called good, and the time of one, over the prior's error.
 
-    path: a .png or .svg to write.
     levels_by_drive: one column per drive by its name; of the same methods, at most 8, the first emphasized.
     """
     from matplotlib.lines import Line2D

@@ -46,7 +46,6 @@ def certainty_of(
 ) -> dict[str, Any]:
     """Return tables and pictures of how certain methods are, for the page; pictures are drawn into a folder, as SVG.
 
-    folder: where the pictures go; must exist.
     by_prior: rows by prior and by method.
     prior: the prior of the pictures; the timelines are of all of them.
     configured: configuration of each method by its name, as the study saved it.

@@ -44,7 +44,6 @@ PAIRS = {"points": (COUNT, HELMERT), "occupied": ("count-occupied", "helmert-occ
 def draw_statistics(folder: Path, methods: Mapping[str, MethodRows], point_map: PointMap | None) -> list[Picture]:
     """Draw the figures into a folder, as SVG; return them with their captions.
 
-    folder: where the figures go; must exist.
     methods: by name, one prior.
     point_map: drawn below the trajectory, if given.
     """
@@ -144,7 +143,6 @@ def percents_within(errors: Floats, limits: Floats) -> Floats:
 def plot_error_distributions(path: Path, errors_by_method: Mapping[str, Floats]) -> Picture:
     """Draw the cumulative distribution of each method's horizontal errors over all epochs.
 
-    path: a .png or .svg to write.
     errors_by_method: shape (n,); distance to the reference, m, by the method's name, at most 8, all of the same epochs;
         NaN where it did not localize: such an epoch is within no error, the curve ends below 100 %.
     """
@@ -187,7 +185,6 @@ def plot_success(path: str | os.PathLike[str], found: Mapping[str, tuple[Floats,
 
     Bars are intervals of 95 % (`clopper_pearson`); the numbers of epochs of each bin stand above it.
 
-    path: a .png or .svg to write.
     found: by the method's name, at most 8: distance of each prior from the reference, m, finite, shape (n,), and
         whether the method succeeded, bool, shape (n,). The methods need not have the same epochs.
     """

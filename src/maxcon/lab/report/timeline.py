@@ -87,7 +87,6 @@ def plot_timeline(
 ) -> None:
     """Draw a drive: a row for each status that occurs, and one for each kind of error, whether errors are known or not.
 
-    path: a .png or .svg to write.
     epochs: shape (n,), n > 0; numbers of the scans, rising.
     statuses: status of each answer, as the method says.
     is_wrong: shape (n,); bool: whether the answer is known to be beyond the limits of success.

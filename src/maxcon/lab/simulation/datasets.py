@@ -287,7 +287,6 @@ def _write_poses(path: Path, times: NDArray[np.float64], poses: Sequence[Pose], 
 class MapTiles(ExitStack):
     """Open LAZ files (LAS 1.4, point format 6), one per square of 50 m, named by its lower left corner.
 
-    folder: where the files go; must exist.
     frame: from city metres to global coordinates; its CRS must be known and is written into every file.
     """
 
