@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
-from maxcon.plotting.figure import INK, saved_figure
+from maxcon.plotting.figure import INK, MUTED, saved_figure
 from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.plotting.score_panel import (
     SearchSpaceView,
     cell_marks,
     chosen_headings,
-    draw_color_bar,
-    draw_frame,
-    draw_heading,
+    draw_scores,
+    ground_of,
+    put_mark,
     score_words,
     title_of,
     turn_words,
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import SubFigure
+    from matplotlib.image import AxesImage
 
 
 def plot_epoch(
@@ -78,19 +79,17 @@ def plot_epoch(
 
 def _draw_panels(figure: SubFigure, view: SearchSpaceView, reference: Pose | None) -> None:
     """Draw one panel per heading, the best one in a frame, their common colour scale, and what they are."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
     n_headings = view.space.shape[0]
     headings = chosen_headings(n_headings, view.best[0])
-    marked = -1 if reference is None else view.heading_nearest(reference, headings)
-    norm, n_columns = view.norm, math.isqrt(len(headings) - 1) + 1
+    marked = None if reference is None else view.heading_nearest(reference, headings)
+    n_columns = math.isqrt(len(headings) - 1) + 1
     panels = figure.subplots(-(-len(headings) // n_columns), n_columns, squeeze=False, sharex=True, sharey=True)
     for axes in panels.flat[len(headings) :]:
         axes.set_visible(False)
     for heading, axes in zip(headings, panels.flat, strict=False):
-        image = draw_heading(axes, view, heading, norm, reference if heading == marked else None)
-        is_best = view.has_best_at(heading)
-        words = turn_words(view.space, heading) + (" (best)" if is_best else "")
-        axes.set_title(words, fontweight="bold" if is_best else "normal", pad=5)
-        draw_frame(axes, is_best=is_best)
+        image = _draw_heading(axes, view, heading, reference if heading == marked else None)
     n_words = f"All {n_headings}" if len(headings) == n_headings else f"{len(headings)} of {n_headings}"
     drawn = "The prior's heading" if n_headings == 1 else f"{n_words} headings about the prior's"
     figure.suptitle(f"{drawn}, cells of {100.0 * view.space.cell_edge:g} cm", fontsize=11)
@@ -98,10 +97,32 @@ def _draw_panels(figure: SubFigure, view: SearchSpaceView, reference: Pose | Non
         axes.set_xlabel("x from the prior [m]")
     for axes in panels[:, 0]:
         axes.set_ylabel("y from the prior [m]")
-    bar = draw_color_bar(figure, image, panels)
+    digits = FuncFormatter(lambda value, _: f"{value:,.6g}".replace("-", "−"))
+    bar = figure.colorbar(
+        image, ax=panels, orientation="horizontal", shrink=0.6, aspect=30, ticks=MaxNLocator(5), format=digits
+    )
     bar.set_label(f"{title_of(view.objective)} [{unit_of(view.objective)}] (root scale)", parse_math=False)
     marks = cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2]
     figure.legend(handles=marks, loc="outside lower center", ncols=2, handletextpad=1.0)
+
+
+def _draw_heading(axes: Axes, view: SearchSpaceView, heading: int, reference: Pose | None) -> AxesImage:
+    """Draw all cells of one heading, in a strong frame if it has the best cell, and the reference if it is here."""
+    ground = ground_of(view.space, 0.0, 0.0)
+    axes.set(xlim=(ground.west, ground.east), ylim=(ground.south, ground.north))
+    image = draw_scores(axes, view.scores[heading], ground, view.norm)
+    best_mark, reference_mark = cell_marks()
+    if reference is not None and all(ground.west <= value <= ground.east for value in view.offset(reference)):
+        put_mark(axes, reference_mark, *view.offset(reference))
+    is_best = view.has_best and heading == view.best[0]
+    if is_best:
+        put_mark(axes, best_mark, *view.best_offset)
+    words = turn_words(view.space, heading) + (" (best)" if is_best else "")
+    axes.set_title(words, fontweight="bold" if is_best else "normal", pad=5)
+    for spine in axes.spines.values():
+        spine.set(color=INK if is_best else MUTED, linewidth=3.0 if is_best else 0.8)
+    axes.locator_params(nbins=5)
+    return image
 
 
 def answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> str:
@@ -167,6 +188,17 @@ class Scene:
         """Whether each scan point is drawn, shape (n,): not those on level ground."""
         return is_off_the_ground(self.scan, self.prior)
 
+    def point_sets(self, *, with_rest: bool = True) -> list[tuple[str, str, NDArray[np.float64], float]]:
+        """The scan at the prior and, if anything matched, at the answer, for `draw_points`; `with_rest`: all of it."""
+        is_drawn = self.is_drawn
+        sets = [("scan at the prior", PRIOR_COLOR, self.prior.apply(self.scan.points[is_drawn]), 1.3)]
+        if self.has_answer:
+            points, is_matched = self.estimate.pose.apply(self.scan.points), self.is_matched
+            if with_rest:
+                sets.append(("scan at the answer", SCAN_COLOR, points[~is_matched & is_drawn], 1.3))
+            sets.append((f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points[is_matched], 2.0))
+        return sets
+
 
 def half_width_of(scan: Scan, most: float) -> float:
     """Half width, m, of the square around the sensor that holds 92 of 100 points of a scan: from 5 m to `most`."""
@@ -196,7 +228,7 @@ def draw_scene(axes: Axes, scene: Scene) -> list[Artist]:
     prior, pose, half = scene.prior, scene.estimate.pose, scene.space.reach
     window = Window.around(prior.x, prior.y, max(half_width_of(scene.scan, MOST_HALF_WIDTH), 1.25 * half))
     draw_map(axes, scene.point_map, window)
-    handles = [map_patch(), *draw_points(axes, _point_sets(scene))]
+    handles = [map_patch(), *draw_points(axes, scene.point_sets())]
     square = Rectangle(
         (prior.x - half, prior.y - half), 2.0 * half, 2.0 * half, fill=False, ec="black", lw=1.3, label="search space",
         zorder=6,
@@ -219,17 +251,6 @@ def draw_scene(axes: Axes, scene: Scene) -> list[Artist]:
     draw_scale_bar(axes, window)
     axes.set_title("From above (scan without level ground)", loc="left")
     return handles
-
-
-def _point_sets(scene: Scene) -> list[tuple[str, str, NDArray[np.float64], float]]:
-    """The scan at the prior and, if anything matched, at the answer, for `draw_points`."""
-    is_drawn = scene.is_drawn
-    sets = [("scan at the prior", PRIOR_COLOR, scene.prior.apply(scene.scan.points[is_drawn]), 1.3)]
-    if scene.has_answer:
-        points, is_matched = scene.estimate.pose.apply(scene.scan.points), scene.is_matched
-        sets.append(("scan at the answer", SCAN_COLOR, points[~is_matched & is_drawn], 1.3))
-        sets.append((f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points[is_matched], 2.0))
-    return sets
 
 
 def draw_points(axes: Axes, sets: Sequence[tuple[str, str, NDArray[np.float64], float]]) -> list[Artist]:

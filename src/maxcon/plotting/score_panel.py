@@ -6,12 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from maxcon.geometry import Pose, wrap_angle
-from maxcon.plotting.figure import INK, MUTED
 from maxcon.plotting.from_above import Window
 from maxcon.search.accumulator import Accumulator, highest
 from maxcon.search.objectives import Objective, Scores
@@ -19,9 +18,7 @@ from maxcon.search.space import Cell, SearchSpace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.colorbar import Colorbar
     from matplotlib.colors import Normalize
-    from matplotlib.figure import SubFigure
     from matplotlib.image import AxesImage
     from matplotlib.lines import Line2D
 
@@ -78,10 +75,6 @@ class SearchSpaceView:
 
         return PowerNorm(COLOR_POWER, *self.limits)
 
-    def has_best_at(self, heading: int) -> bool:
-        """Whether there is a best cell, and at this heading."""
-        return self.has_best and heading == self.best[0]
-
     def offset(self, pose: Pose) -> tuple[float, float]:
         """Offset (x, y) of a pose from the prior, m."""
         return pose.x - self.accumulator.prior.x, pose.y - self.accumulator.prior.y
@@ -130,28 +123,6 @@ def draw_scores(axes: "Axes", scores: Scores, ground: Window, norm: "Normalize",
     return image
 
 
-def draw_heading(
-    axes: "Axes", view: SearchSpaceView, heading: int, norm: "Normalize", reference: Pose | None
-) -> "AxesImage":
-    """Draw all cells of one heading, with the best cell if it is here and the reference if given."""
-    ground = ground_of(view.space, 0.0, 0.0)
-    axes.set(xlim=(ground.west, ground.east), ylim=(ground.south, ground.north))
-    image = draw_scores(axes, view.scores[heading], ground, norm)
-    best_mark, reference_mark = cell_marks()
-    if reference is not None and all(ground.west <= value <= ground.east for value in view.offset(reference)):
-        put_mark(axes, reference_mark, *view.offset(reference))
-    if view.has_best_at(heading):
-        put_mark(axes, best_mark, *view.best_offset)
-    axes.locator_params(nbins=5)
-    return image
-
-
-def draw_frame(axes: "Axes", *, is_best: bool) -> None:
-    """Draw the frame of a panel: a strong one around the heading of the best cell."""
-    for spine in axes.spines.values():
-        spine.set(color=INK if is_best else MUTED, linewidth=3.0 if is_best else 0.8)
-
-
 def cell_marks() -> tuple["Line2D", "Line2D"]:
     """Return the marks of the best cell and of the reference: for a panel and for the legend."""
     from matplotlib.lines import Line2D
@@ -170,16 +141,6 @@ def put_mark(axes: "Axes", mark: "Line2D", x: float, y: float) -> None:
     """Draw a mark at a place of the axes."""
     mark.set_data([x], [y])
     axes.add_line(mark)
-
-
-def draw_color_bar(figure: "SubFigure", image: "AxesImage", panels: Any) -> "Colorbar":
-    """Draw the colour scale of an image below panels."""
-    from matplotlib.ticker import FuncFormatter, MaxNLocator
-
-    words = FuncFormatter(lambda value, _: f"{value:,.6g}".replace("-", "−"))
-    return figure.colorbar(
-        image, ax=panels, orientation="horizontal", shrink=0.6, aspect=30, ticks=MaxNLocator(5), format=words
-    )
 
 
 def turn_words(space: SearchSpace, heading: int) -> str:

@@ -13,7 +13,7 @@ from maxcon.estimate import Estimate
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.lab.charts import offset_words, scale_words
 from maxcon.map import PointMap
-from maxcon.plotting.epoch import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points, half_width_of, is_off_the_ground
+from maxcon.plotting.epoch import Scene, draw_points, half_width_of, is_off_the_ground
 from maxcon.plotting.figure import MUTED, SERIES, saved_figure
 from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_figure, map_patch
 from maxcon.plotting.score_panel import (
@@ -75,20 +75,10 @@ def plot_overview(
     are_localized = [found.is_localized for _, found in epochs]
     words = overview_words(estimate, objective, accumulator)
     with map_figure(path, window, point_map, (title, words), side=8.2) as (figure, axes):
-        handles = [map_patch(), *draw_matches(axes, scene)]
+        handles = [map_patch(), *draw_points(axes, scene.point_sets(with_rest=False))]
         for number, (view, is_localized) in enumerate(zip(views, are_localized, strict=True)):
             draw_space(axes, view, is_localized, is_this=number == 0)
         _draw_overview_legend(figure, axes, handles, views, are_localized)
-
-
-def draw_matches(axes: "Axes", scene: Scene) -> list["Artist"]:
-    """Draw the scan at the prior and, if anything matched, the consensus set at the answer."""
-    is_matched = scene.is_matched
-    sets = [("scan at the prior", PRIOR_COLOR, scene.prior.apply(scene.scan.points[scene.is_drawn]), 1.3)]
-    if scene.has_answer:
-        points = scene.estimate.pose.apply(scene.scan.points[is_matched])
-        sets.append((f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points, 2.0))
-    return draw_points(axes, sets)
 
 
 def draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this: bool) -> None:
