@@ -15,8 +15,8 @@ from typer.core import TyperCommand
 from maxcon.errors import OptionError
 
 TITLES = (
-    "Arguments", "Inputs", "Recordings and scanners", "Rounds", "Classes", "Method", "Search space", "Motion",
-    "Certainty", "Output", "How it is done", "Map", "Options",
+    "Arguments", "Inputs", "Scans instead of clouds", "Recordings and scanners", "Rounds", "Classes", "Method",
+    "Search space", "Motion", "Certainty", "Output", "How it is done", "Map", "Options",
 )  # fmt: skip
 """Titles in the help, in this order; options without a title stand under the last."""
 

@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: MIT
 """`maxcon map build`, `align`, `update`, `info`, `copy` and `export`."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from maxcon.cli.drive_of_map import DriveOptions
 from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclusive, flag, flags
 from maxcon.cli.options import Quiet, RangeOptions, Scheduler
 from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
@@ -14,6 +17,7 @@ from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from maxcon._system.engine import Engine
+    from maxcon.map.manifest import Manifest
 
 app = typer.Typer(
     help="Build a map from point clouds, align them before, update it by drives, say what is in it, copy or export it.",
@@ -67,11 +71,11 @@ def update(files: UpdateFiles, ranges: RangeOptions, quiet: Quiet = False) -> No
 class CloudOptions(OptionGroup, title="Inputs"):
     """Which points are taken, and where they are."""
 
-    clouds: list[Path] = argument(
-        ...,
+    clouds: list[Path] | None = argument(
+        None,
         "LAS, LAZ, COPC, PLY, PCD, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt); or folders of clouds (there"
         " .csv and .txt are left alone).",
-        "CLOUD...",
+        "[CLOUD...]",
     )
     trajectory: Path | None = flag(
         None,
@@ -157,13 +161,19 @@ class TileWorkers(OptionGroup, title="How it is done"):
 @app.command(cls=GroupedCommand)
 @flags
 def build(
-    cloud: CloudOptions, classes: ClassOptions, worker: TileWorkers, output: MapOutput, quiet: Quiet = False
+    cloud: CloudOptions,
+    drive: DriveOptions,
+    classes: ClassOptions,
+    worker: TileWorkers,
+    output: MapOutput,
+    quiet: Quiet = False,
 ) -> None:
-    """Build a map: drop classes, find normals, rasterize into voxels, write tiles."""
+    """Build a map of clouds, or of scans and their poses: drop classes, find normals, rasterize into voxels."""
     from maxcon.cli.map_words import print_manifest
     from maxcon.io.trajectories import read_trajectory
     from maxcon.map.storage import address_of
     from maxcon.mapping.build import Area, MapOptions, build_map
+    from maxcon.mapping.placed_scans import map_of_drive
 
     if address := address_of(output.out):
         raise OptionError(
@@ -176,6 +186,11 @@ def build(
         )
     left_out = {"--drop": classes.drop, "--vehicle-class": classes.vehicle_class}
     check_exclusive({"--keep-all": classes.keep_all}, left_out)
+    of_clouds = {
+        "clouds": cloud.clouds, "--trajectory": cloud.trajectory, "--signed-normals": cloud.signed_normals,
+        "--to-crs": cloud.to_crs, "--asprs-classes": classes.asprs_classes,
+    }  # fmt: skip
+    check_exclusive({"--scans": drive.scans}, of_clouds)
     engine = worker.engine()
     options = MapOptions(
         cell=output.cell,
@@ -191,11 +206,14 @@ def build(
         classify=classes.classify,
         area=Area.parse(cloud.area) if cloud.area is not None else None,
     )
+    make: Callable[..., Manifest] = partial(build_map, cloud.clouds or [])
+    if (placed := drive.open(quiet)) is not None:
+        typer.echo(placed.words, err=True)
+        make = partial(map_of_drive, placed, keep_moving=drive.keep_moving)
     with step_bars(quiet) as report, compiling_told(quiet):
-        manifest = build_map(
-            cloud.clouds, output.out, options, overwrite=output.overwrite, n_threads=worker.threads, engine=engine,
-            progress=report,
-        )  # fmt: skip
+        manifest = make(
+            output.out, options, overwrite=output.overwrite, n_threads=worker.threads, engine=engine, progress=report
+        )
     typer.echo(f"{output.out}")
     print_manifest(manifest)
 

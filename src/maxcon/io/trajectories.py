@@ -12,14 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.atomic import atomic_file
-from maxcon.errors import FileError
+from maxcon.errors import FileError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.fixes import RecordedPoses
-from maxcon.io.text import UNCLEAR_HEADINGS, PoseTable, read_pose_table
+from maxcon.io.text import UNCLEAR_HEADINGS, PoseTable, numbered_lines, read_pose_table
 from maxcon.scan.trajectory import Trajectory, first_fault
 
 TUM_COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
+KITTI_COLUMNS = tuple(f"{part}{row}" for row in (1, 2, 3) for part in ("r1", "r2", "r3", "t"))
+"""The first three rows of a pose's matrix, 4 x 4."""
+MOST_ALONG_Z = 0.8
+"""Where more of the way than this lies along the sensor's own z axis, it is the optical axis of a camera."""
 CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
+ROTATION_TOLERANCE = 1e-2
 COVARIANCE_COLUMNS = (
     "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
 )  # fmt: skip
@@ -41,6 +46,48 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     and line are named.
     """
     return _read(Path(path), is_prior=False).trajectory
+
+
+def read_poses_of_scans(path: str | os.PathLike[str], times: NDArray[np.float64]) -> Trajectory:
+    """Return the poses in `path` of scans at `times`, shape (n,), s.
+
+    path: as of `read_trajectory`; or `.txt` or `.kitti` with 12 numbers per line, the first three rows of T_map_sensor:
+        a pose for each scan, in their order.
+
+    Errors as of `read_trajectory`; TrajectoryError also if there are not as many poses as scans, a matrix is no
+    rotation, or the poses are those of a camera.
+    """
+    file = Path(path)
+    is_kitti = file.suffix.lower() == ".kitti"
+    if file.suffix.lower() == ".txt":
+        first = next((line for _, line in numbered_lines(file, "a trajectory") if not line.startswith("#")), "")
+        is_kitti = len(first.split()) == len(KITTI_COLUMNS)
+    if not is_kitti:
+        return read_trajectory(file)
+    from scipy.spatial.transform import Rotation
+
+    table = read_pose_table(file, names=KITTI_COLUMNS)
+    values = table.numbers(KITTI_COLUMNS)
+    (values,) = table.good([values], may_leave_out=False)
+    if len(values) != len(times):
+        raise TrajectoryError(
+            f"Expected a pose for each of the {len(times)} scans in {file}, which has no times, got {len(values)}. Give"
+            " poses with times (TUM), or the scans that they belong to."
+        )
+    matrices = values.reshape(-1, 3, 4)
+    rotations, positions = matrices[:, :, :3], matrices[:, :, 3]
+    off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    is_wrong = (off > ROTATION_TOLERANCE) | (np.linalg.det(rotations) < 0.0)
+    if is_wrong.any():
+        row = int(np.argmax(is_wrong))
+        table.refuse("Expected a rotation and a position, row by row, got none. Correct this line.", table.lines[row])
+    steps = np.einsum("nji,nj->ni", rotations[:-1], np.diff(positions, axis=0))
+    if np.abs(steps[:, 2]).sum() > MOST_ALONG_Z * np.linalg.norm(steps, axis=1).sum() > 0.0:
+        raise TrajectoryError(
+            f"Expected poses of the scanner in {file}, got some that move along its z axis, as KITTI's own do, which"
+            " are of a camera. Turn them into the scanner's (calib.txt), or give them with times (TUM)."
+        )
+    return Trajectory(times, positions, Rotation.from_matrix(rotations).as_quat())
 
 
 def read_prior(path: str | os.PathLike[str]) -> RecordedPoses:

@@ -37,6 +37,7 @@ class CloudHeader:
     crs_fault: what the file has instead of one, in words; empty where it names none at all.
     has_asprs_classes: whether classes are those of the ASPRS (LAS), not of any scheme.
     has_normals, has_classes, has_times: which of these come with each chunk.
+    reader: what reads it, where it is no file that `open_cloud` reads; `n_points` is an estimate then.
     """
 
     path: Path
@@ -47,6 +48,7 @@ class CloudHeader:
     has_times: bool = False
     has_asprs_classes: bool = False
     crs_fault: str = ""
+    reader: "CloudReader | None" = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

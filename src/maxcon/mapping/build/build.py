@@ -20,7 +20,7 @@ from maxcon._system.engine import Engine
 from maxcon._system.version import __version__
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.frame import INDEX_LIMIT
-from maxcon.io.clouds import CloudHeader
+from maxcon.io.clouds import CloudHeader, CloudReader
 from maxcon.map import TILE_VOXELS, TileKey
 from maxcon.map.ground import GroundTile, ground_of_points, ground_voxels
 from maxcon.map.manifest import MAP_NAMES, Manifest
@@ -43,7 +43,7 @@ MOST_SPARSE_TILES, LEAST_POINTS_OF_TILE = 20_000, 200
 
 
 def build_map(
-    sources: Sequence[str | os.PathLike[str]],
+    sources: Sequence[str | os.PathLike[str] | CloudReader],
     out: str | os.PathLike[str],
     options: MapOptions | None = None,
     *,
@@ -54,7 +54,7 @@ def build_map(
 ) -> Manifest:
     """Build a map on disk; memory is bounded by the tiles, not by the sources.
 
-    - sources: point clouds of any kind that `open_cloud` reads.
+    - sources: point clouds of any kind that `open_cloud` reads, or readers of others.
     - out: folder of the map; it appears when all is done.
     - options: how it is made of its points; the defaults if None.
     - overwrite: whether a map that is there is replaced; anything else there is an error.
@@ -83,7 +83,8 @@ def build_map(
         is_signed = options.trajectory is not None or use_normals
         sort = partial(_sorted_into_tiles, folder.absolute() / "points", use_normals=use_normals, report=report)
         buckets = sort(read, options)
-        spacing = point_spacing(buckets.points, options.edge)
+        are_scans = any(header.reader is not None for header in headers)
+        spacing = point_spacing(buckets.points, options.edge, are_scans=are_scans)
         if options.cell is None and spacing is not None and spacing.cell != options.edge:
             rmtree(buckets.folder)
             options = replace(options, cell=spacing.cell)
@@ -212,7 +213,7 @@ def _sorted_into_tiles(
         raise MapError(
             f"Expected points for the map, but none of the {n_read:,} points in {names} is left: {outside}"
             f"{left_out['invalid']:,} have no finite coordinates, {n_dropped:,} are of classes that are dropped. Check"
-            f" {'--area and the CRS' if left_out['outside'] == n_read else 'the files, or keep more classes'}."
+            f" {'--area and the CRS' if 0 < n_read == left_out['outside'] else 'the files, or keep more classes'}."
         )
     if options.trajectory is not None:
         check_sides(sources, options.trajectory)

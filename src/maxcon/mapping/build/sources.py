@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
-from maxcon.io.clouds import CLOUD_SUFFIXES, Bounds, CloudChunk, CloudHeader, open_cloud
+from maxcon.io.clouds import CLOUD_SUFFIXES, Bounds, CloudChunk, CloudHeader, CloudReader, open_cloud
 from maxcon.io.crs import PointTransform, metric_crs, same_crs
 from maxcon.io.text import reading
 from maxcon.mapping.build.options import GROUND, NOISE, UNCLASSIFIED, Area, MapOptions, parse_classes
@@ -43,6 +43,10 @@ class Source:
         """Points that went into the map."""
         return self.n_points - self.left_out.total() - self.n_dropped.total()
 
+    def open(self) -> CloudReader:
+        """Return a reader of its points."""
+        return open_cloud(self.header.path) if self.header.reader is None else self.header.reader
+
     def placed(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points, shape (n, 3), in the coordinates of the map."""
         return points if self.transform is None else self.transform.apply(points)
@@ -58,7 +62,7 @@ class Source:
 
     def first_point(self) -> NDArray[np.float64]:
         """First point that is finite in the map, shape (3,), global, m; infinity if none is near the start."""
-        with open_cloud(self.header.path) as reader:
+        with self.open() as reader:
             points = self.placed(next((chunk.points for chunk in reader.chunks(FIRST_POINTS)), np.empty((0, 3))))
         finite = points[np.isfinite(points).all(axis=1)]
         return np.asarray(finite[0]) if len(finite) else np.full(3, np.inf)
@@ -89,15 +93,15 @@ class SidedPoints(NamedTuple):
     times: NDArray[np.float64] | None  # (n,): s; None where the source has none
 
 
-def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
+def open_headers(sources: Sequence[str | os.PathLike[str] | CloudReader]) -> list[CloudHeader]:
     """Headers of all sources, of a folder its clouds; FileError if there is none, one twice, or one cannot be read."""
-    if not paths:
+    if not sources:
         raise FileError("Expected at least one point cloud, got none. Name LAS, LAZ, PLY, PCD, NPZ, E57 or XYZ files.")
-    files = [file for path in paths for file in _files_at(Path(path))]
+    headers = [replace(each.header, reader=each) for each in sources if isinstance(each, CloudReader)]
+    files = [file for path in sources if not isinstance(path, CloudReader) for file in _files_at(Path(path))]
     twice = [file for file, number in Counter(file.resolve() for file in files).items() if number > 1]
     if twice:
         raise FileError(f"Expected each point cloud once, got {twice[0]} more than once. Name it once.")
-    headers = []
     for file in files:
         with open_cloud(file) as reader:
             headers.append(reader.header)
@@ -179,7 +183,7 @@ def read_source(source: Source, options: MapOptions, *, use_normals: bool) -> It
     if options.classify == "always":
         drop &= NOISE | parse_classes((), options.vehicle_classes)
     are_known = header.has_asprs_classes or options.drop is not None or bool(drop)
-    with open_cloud(header.path) as reader:
+    with source.open() as reader:
         for chunk in reader.chunks(bounds=source.bounds):
             if trajectory is not None and (chunk.times is None or not chunk.times.any()):
                 raise OptionError(
@@ -197,9 +201,9 @@ def read_source(source: Source, options: MapOptions, *, use_normals: bool) -> It
             times = None if placed.times is None else placed.times[is_kept]
             normals = placed.normals[is_kept] if use_normals and placed.normals is not None else None
             yield SidedPoints(points, _sides(points, times, normals, trajectory, source), ground, times)
-    # What a file knows to lie outside was not read.
-    source.left_out["outside"] += header.n_points - source.n_points
-    source.n_points = header.n_points
+    if header.reader is None:  # what a file knows to lie outside was not read
+        source.left_out["outside"] += header.n_points - source.n_points
+        source.n_points = header.n_points
 
 
 def _are_wanted(chunk: CloudChunk, source: Source, keep_every: int) -> NDArray[np.bool_]:

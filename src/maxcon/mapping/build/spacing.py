@@ -31,17 +31,19 @@ class PointSpacing:
     - median: m.
     - at_90: the distance that 90 % of the points keep, m; at most `MARGIN`, which stands for anything farther.
     - n_points: of how many points.
+    - is_of_scans: whether they are scans of a drive: between their rings they lie farther apart than these tell.
     """
 
     median: float
     at_90: float
     n_points: int
+    is_of_scans: bool = False
 
     @property
     def cell(self) -> float:
-        """The voxel edge that suits the points, m: whole multiples of `LEAST_CELL`, rounded down."""
-        n_steps = int(round(SPACINGS_PER_CELL * self.at_90 / LEAST_CELL, 3))
-        return min(round(max(1, n_steps) * LEAST_CELL, 2), LARGEST_CELL)
+        """The voxel edge that suits the points, m: whole multiples of `LEAST_CELL`, rounded down; of scans rounded."""
+        n_steps = round(SPACINGS_PER_CELL * self.at_90 / LEAST_CELL, None if self.is_of_scans else 3)
+        return min(round(max(1, int(n_steps)) * LEAST_CELL, 2), LARGEST_CELL)
 
     def describe(self) -> dict[str, object]:
         """Return its entry in the manifest (docs/map_format.md)."""
@@ -53,7 +55,7 @@ class PointSpacing:
         }
 
 
-def point_spacing(points: TileBuckets, cell: float) -> PointSpacing | None:
+def point_spacing(points: TileBuckets, cell: float, *, are_scans: bool = False) -> PointSpacing | None:
     """Measure the spacing of points that are sorted into tiles of voxels of this edge (m); None if it cannot be told.
 
     All points of a sample of squares are looked at, in tiles evenly over the map; each stands for as many as are not.
@@ -69,7 +71,7 @@ def point_spacing(points: TileBuckets, cell: float) -> PointSpacing | None:
     order = np.argsort(near)
     ranks = np.cumsum(n_stood_for[order])
     median, at_90 = near[order[np.searchsorted(ranks, [0.5 * ranks[-1], 0.9 * ranks[-1]])]].tolist()
-    return PointSpacing(median, at_90, len(near))
+    return PointSpacing(median, at_90, len(near), are_scans)
 
 
 def _sample_of_tile(points: TileBuckets, key: TileKey, cell: float) -> tuple[NDArray[np.float64], int]:
