@@ -16,6 +16,7 @@ from maxcon.lab.demo import ANSWERS, DEMO_METHODS, DEMO_NAMES, DemoResults
 from maxcon.lab.demo_page import worst_of_the_count
 from maxcon.lab.study.table import MethodRows, table_schema
 from maxcon.map import PointMap
+from study_tables import study_table
 
 
 def _answers(folder):
@@ -144,7 +145,7 @@ def rows(distances):
         {"epoch": number, "distance": far, "is_success": far is not None and far < 0.3}
         for number, far in enumerate(distances)
     ]
-    return MethodRows("", "", pyarrow.Table.from_pylist(known, schema=table_schema()))
+    return MethodRows("", "", study_table(known))
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: MIT
 """The paper's claims against small tables made by hand."""
 
-import pyarrow
-
 from maxcon.lab.paper.claims import Verdict, paper_claims
-from maxcon.lab.study import rows_by_method
-from maxcon.lab.study.table import table_schema
+from study_tables import rows_of
 
 PLAIN = {
     "is_success": True, "is_localized": True, "status": "localized", "x": 0.0, "reference_x": 0.0, "distance": 0.05,
@@ -17,18 +14,12 @@ ICP = PLAIN | {"distance": 0.01}
 STARTS = PLAIN | {"n_starts": 25, "n_converged": 25}
 
 
-def methods(**rows_of):
-    rows = [
-        {"prior": "gnss", "method": name.replace("_", "-"), "epoch": epoch, **row}
-        for name, rows in rows_of.items()
-        for epoch, row in enumerate(rows)
-    ]
-    table = pyarrow.Table.from_pylist(rows, schema=table_schema())
-    return {found.method: found for found in rows_by_method(table)}
+def methods(**by_method):
+    return rows_of({name.replace("_", "-"): rows for name, rows in by_method.items()})
 
 
-def verdicts(**rows_of):
-    return [claim.verdict for claim in paper_claims(methods(**rows_of), 0.06)]
+def verdicts(**by_method):
+    return [claim.verdict for claim in paper_claims(methods(**by_method), 0.06)]
 
 
 def test_a_study_like_the_paper_agrees():

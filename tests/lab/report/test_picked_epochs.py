@@ -1,12 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-import pyarrow
-
 from maxcon._system.resumable import describe
 from maxcon.lab.report.study_pictures import pick_epochs, space_of
-from maxcon.lab.study import rows_by_method
-from maxcon.lab.study.table import table_schema
 from maxcon.search.space import SearchSpace
+from study_tables import rows_of
 
 GOOD = {"is_success": True, "distance": 0.05, "kurtosis": 2.0}
 LOST = {"is_success": False, "distance": 2.96, "kurtosis": 30.0}
@@ -14,15 +11,7 @@ LOST = {"is_success": False, "distance": 2.96, "kurtosis": 30.0}
 
 def picked(*count, helmert=GOOD):
     """Epochs picked where the count has these rows, and Helmert's score the same row in each epoch."""
-    table = pyarrow.Table.from_pylist(
-        [
-            {"prior": "gnss", "method": method, "epoch": epoch, **row}
-            for epoch, of_count in enumerate(count)
-            for method, row in (("count", of_count), ("helmert", helmert))
-        ],
-        schema=table_schema(),
-    )
-    rows = {found.method: found for found in rows_by_method(table)}
+    rows = rows_of({"count": count, "helmert": [helmert] * len(count)})
     return pick_epochs(rows["count"], rows["helmert"])
 
 

@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: MIT
 """What a study's table says of certainty, from small tables made by hand."""
 
-import pyarrow
 import pytest
 
 from maxcon.lab.evaluation import ProtectionCounts
 from maxcon.lab.report.study_certainty import certainty_of
-from maxcon.lab.study import rows_by_method
-from maxcon.lab.study.table import table_schema
+from study_tables import rows_of
 
 ANSWER = {
     "status": "localized", "is_localized": True, "is_success": True, "x": 0.0, "reference_x": 0.0, "distance": 0.01,
@@ -21,17 +19,8 @@ UNREADABLE = {"status": "unreadable scan", "is_localized": False, "is_success": 
 CONFIGURED = {"maxcon": {"method": {"class": "MaximumConsensus", "risk": 0.02}}}
 
 
-def by_prior(rows_of, priors=("gnss",)):
-    rows = [
-        {"prior": prior, "method": name, "epoch": epoch, **row}
-        for prior in priors
-        for name, rows in rows_of.items()
-        for epoch, row in enumerate(rows)
-    ]
-    found = {prior: {} for prior in priors}
-    for each in rows_by_method(pyarrow.Table.from_pylist(rows, schema=table_schema())):
-        found[each.prior][each.method] = each
-    return found
+def by_prior(by_method, priors=("gnss",)):
+    return {prior: rows_of(by_method, prior) for prior in priors}
 
 
 def test_errors_are_held_to_sigmas_and_levels(tmp_path):

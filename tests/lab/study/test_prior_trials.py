@@ -7,7 +7,6 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-import pyarrow
 import pytest
 
 from maxcon import MaximumConsensus, Pose
@@ -23,7 +22,7 @@ from maxcon.lab.study.prior_trials import (
     prior_level,
     statistics_by_level,
 )
-from maxcon.lab.study.table import table_schema
+from study_tables import study_table
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
@@ -43,12 +42,8 @@ ROWS = [
 LEVELS = [prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0)]
 
 
-def table(rows):
-    return pyarrow.Table.from_pylist(rows, schema=table_schema())
-
-
 def test_statistics_by_hand_in_the_order_of_levels_and_methods():
-    found = statistics_by_level(table(ROWS), LEVELS)
+    found = statistics_by_level(study_table(ROWS), LEVELS)
     assert {level: [one.method for one in of_level] for level, of_level in found.items()} == {
         "3 m, 2°": ["maxcon"],
         "12 m, 10°": ["maxcon", "a"],
@@ -66,7 +61,7 @@ def benchmark_module(monkeypatch):
 
 
 def test_the_table_has_a_row_per_level_and_method(benchmark_module):
-    lines = benchmark_module.table(table(ROWS), LEVELS)
+    lines = benchmark_module.table(study_table(ROWS), LEVELS)
     assert lines[2:] == [
         "| 3 m, 2° | maxcon | **1 of 1** | 1 | 0 | 7 | 7 | 5.0 |",
         "| 12 m, 10° | maxcon | 2 of 3 | 2 | 1 | 20 | 38 | 15.0 |",

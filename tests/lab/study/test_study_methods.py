@@ -19,9 +19,9 @@ from maxcon.lab.study import (
     statistics,
 )
 from maxcon.lab.study.methods import CELL, MAP_VARIANTS
-from maxcon.lab.study.table import table_schema
 from maxcon.search.objectives import Count
 from maxcon.search.space import SearchSpace
+from study_tables import study_table
 
 
 def test_every_set_is_of_known_methods_in_the_cells_of_their_maps():
@@ -82,8 +82,6 @@ def a_row(epoch, status="localized", **values):
 
 
 def test_statistics_by_hand():
-    import pyarrow
-
     rows = [
         a_row(0, is_localized=True, is_success=True, x=1.0, distance=0.1, along=-0.1, across=0.0, heading_error=0.01,
               ms=10.0, kurtosis=4.0, n_starts=25, n_converged=25),
@@ -93,8 +91,7 @@ def test_statistics_by_hand():
         a_row(3, "unreadable scan", reason="gone"),
         a_row(0, method="other"),
     ]  # fmt: skip
-    table = pyarrow.Table.from_pylist(rows, schema=table_schema())
-    found = {rows.method: statistics(rows) for rows in rows_by_method(table, ("other", "mine"))}
+    found = {rows.method: statistics(rows) for rows in rows_by_method(study_table(rows), ("other", "mine"))}
     assert list(found) == ["other", "mine"]
     mine = found["mine"]
     assert (mine.n_epochs, mine.n_success, mine.n_localized, mine.n_false) == (4, 2, 2, 1)
