@@ -15,8 +15,7 @@ from tempfile import mkdtemp
 
 from maxcon.errors import FileError
 
-MARK = ".partial-"
-"""In the names of temporary siblings: `.city.map.partial-x1y2z3w4`."""
+MARK = ".partial-"  # in the names of temporary siblings: `.city.map.partial-x1y2z3w4`
 LOCK, NEW, OLD = ".lock", "new", "old"
 """In such a sibling: held while somebody is at work in it; the folder that is filled; the one that it replaces."""
 

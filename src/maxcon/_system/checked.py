@@ -14,8 +14,7 @@ from maxcon.errors import FileError, MaxconError
 
 T = TypeVar("T")
 
-LARGEST_TOML = 2**20
-"""Bytes; such a file is a page of text."""
+LARGEST_TOML = 2**20  # bytes; such a file is a page of text
 DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){31}""")
 """Keys of as many parts take memory that grows with the square of their length, before anyone looks at them."""
 

@@ -16,12 +16,9 @@ from maxcon.errors import OptionError
 if TYPE_CHECKING:
     from distributed import Client
 
-JOIN_TIMEOUT = 30
-"""s until a scheduler answers, and until it has a worker."""
-LONGEST_ALONE = 180.0
-"""s without any worker until that is an error."""
-TASKS_OF_WORKER = 3
-"""The one in work, and two ahead."""
+JOIN_TIMEOUT = 30  # s until a scheduler answers, and until it has a worker
+LONGEST_ALONE = 180.0  # s without any worker until that is an error
+TASKS_OF_WORKER = 3  # the one in work, and two ahead
 
 
 @contextmanager

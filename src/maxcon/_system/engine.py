@@ -28,13 +28,10 @@ TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
 ResultT_co = TypeVar("ResultT_co", covariant=True)
 
-MOST_JOBS = 2
-"""Kept open by a worker, with the tiles of their maps; two, for two who use the same cluster."""
-ALLOWED_DEATHS = 3
-"""Times that a task may end its worker and is tried again; four in turn are no accident."""
+MOST_JOBS = 2  # kept open by a worker, with the tiles of their maps; two, for two who use the same cluster
+ALLOWED_DEATHS = 3  # times that a task may end its worker and is tried again; four in turn are no accident
 LOST = "each worker that was given it ended: it crashes, or memory is short"
-LOOK_EVERY = 1.0
-"""s between looks at whether the workers live, while no result comes."""
+LOOK_EVERY = 1.0  # s between looks at whether the workers live, while no result comes
 
 
 def n_processors() -> int:

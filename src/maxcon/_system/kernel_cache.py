@@ -31,8 +31,7 @@ PACKAGE = Path(__file__).parents[1]
 IMPORTS = re.compile(r"^from (maxcon[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b")
 PREFIX = "maxcon-"
-UNUSED_SECONDS = 30 * 86400.0
-"""Code of other contents is removed that was not used for so long."""
+UNUSED_SECONDS = 30 * 86400.0  # code of other contents is removed that was not used for so long
 
 
 def njit(*, cache: bool = False, counts_references: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:

@@ -121,20 +121,17 @@ class DriveOpener:
 
 @dataclass
 class OpenedDrive:
-    """A drive with its inputs opened; its priors are looked at when the first epoch is asked for.
-
-    prior, odometry: of the scanner.
-    words: what was taken from a recording.
-    method, windows: the first searches, or the other, within standard deviations of each prior.
-    """
+    """A drive with its inputs opened; its priors are looked at when the first epoch is asked for."""
 
     opener: DriveOpener
     entry: DriveEntry
     point_map: PointMap
     scans: Scans
+    # prior, odometry: of the scanner
     prior: RecordedPoses
     odometry: Trajectory | None
-    words: tuple[str, ...]
+    words: tuple[str, ...]  # what was taken from a recording
+    # method, windows: the first searches, or the other, within standard deviations of each prior
     method: MaximumConsensus
     windows: WithinSigmas | None
 

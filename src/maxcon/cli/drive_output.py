@@ -37,8 +37,7 @@ from maxcon.plotting.epoch import plot_epoch
 from maxcon.plotting.figure import check_matplotlib
 from maxcon.scan.trajectory import Trajectory
 
-N_PICTURES = 10
-"""Pictures drawn when none are asked for by number, evenly over the drive."""
+N_PICTURES = 10  # pictures drawn when none are asked for by number, evenly over the drive
 
 
 # --- before the work -------------------------------------------------------------------------------------------
@@ -119,17 +118,13 @@ def drawer(drive: OpenedDrive, folder: Path, wanted: frozenset[int]) -> Callable
 
 @dataclass
 class TableOfDrive:
-    """POSES.csv of a drive while it grows, and what is said of it in the end.
-
-    times: of the scans, s.
-    epochs: those of this call, without their points.
-    """
+    """POSES.csv of a drive while it grows, and what is said of it in the end."""
 
     out: Path
     options: TableOptions
-    times: NDArray[np.float64]
+    times: NDArray[np.float64]  # of the scans, s
     is_track: bool = False
-    epochs: list[EpochEstimate] = field(default_factory=list)
+    epochs: list[EpochEstimate] = field(default_factory=list)  # those of this call, without their points
 
     @cached_property
     def there(self) -> RowsThere:

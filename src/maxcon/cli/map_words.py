@@ -17,8 +17,7 @@ from maxcon.mapping.align import Alignment
 from maxcon.mapping.build.options import class_name, found_ratios
 from maxcon.mapping.build.spacing import MARGIN
 
-MOST_PAIRS = 15
-"""In the printed table; residuals.csv has all."""
+MOST_PAIRS = 15  # in the printed table; residuals.csv has all
 
 
 # --- a map -----------------------------------------------------------------------------------------------------

@@ -15,12 +15,10 @@ import typer
 if TYPE_CHECKING:
     from maxcon._system import Progress
 
-SPEED_PERIOD = 600.0
-"""The time left is estimated from the last so many seconds: a step of a study may take a minute."""
+SPEED_PERIOD = 600.0  # the time left is estimated from the last so many seconds: a step of a study may take a minute
 COMPILING = "compiling, once after installation: up to a minute (`maxcon warmup` does it before)"
 STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")  # of Windows, which has no hangup, the first two
-LOOK_EVERY = 0.1
-"""s between looks at whether the exception is still on its way."""
+LOOK_EVERY = 0.1  # s between looks at whether the exception is still on its way
 
 
 def warn(line: str) -> None:

@@ -23,13 +23,11 @@ from maxcon.io.recordings.recording import Entry, RecordingKind, header_of, writ
 from maxcon.io.trajectories import write_tum
 from maxcon.scan.trajectory import Trajectory
 
-ISO_POINT_Z = 1001
-"""Kind of geometry in well-known binary."""
+ISO_POINT_Z = 1001  # kind of geometry in well-known binary
 ON_THE_GROUND = "clampToGround"
 CRS_FRAME, MAP_FRAME, SENSOR_FRAME = "crs", "map", "sensor"
 """Names of the frames: that of the CRS, a local one near the drive, in which viewers can draw, and the scanner's."""
-ROUND = 100.0
-"""The local frame's origin is a multiple of this, m."""
+ROUND = 100.0  # the local frame's origin is a multiple of this, m
 
 
 def _localized(rows: Sequence[PoseRow]) -> list[tuple[PoseRow, Pose]]:

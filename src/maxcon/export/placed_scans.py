@@ -19,10 +19,8 @@ from maxcon.io.crs import metric_crs
 from maxcon.io.raw_scan import nearest_in_time
 from maxcon.io.scans import Scans
 
-SCAN_SUFFIXES = (".laz", ".las")
-"""Of scans placed in the map."""
-RESOLUTION = 0.001
-"""Of the stored coordinates, m."""
+SCAN_SUFFIXES = (".laz", ".las")  # of scans placed in the map
+RESOLUTION = 0.001  # of the stored coordinates, m
 SAME_TIME = 1e-3
 MAX_SOURCES = 2**16
 

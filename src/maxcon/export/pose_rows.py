@@ -23,18 +23,14 @@ WORDS = ("status", "reason")
 
 @dataclass(frozen=True, slots=True)
 class PoseRow:
-    """One epoch.
+    """One epoch."""
 
-    time: s.
-    pose: global coordinates; None unless localized.
-    status, reason: in words.
-    numbers: score, milliseconds, protection levels and covariances by the names of their columns, those that are there.
-    """
-
-    time: float
-    pose: Pose | None
+    time: float  # s
+    pose: Pose | None  # global coordinates; None unless localized
+    # status, reason: in words
     status: str
     reason: str
+    # Score, milliseconds, protection levels and covariances by the names of their columns, those that are there
     numbers: dict[str, float]
 
 

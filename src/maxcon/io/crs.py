@@ -14,13 +14,10 @@ from maxcon.errors import CrsError
 
 NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0
 """Of surveys, from the middle of the earth, m: from under the sea at the poles to aircraft above the equator."""
-MARKS = 21
-"""Points on each side of a rectangle that are transformed to find one around it."""
-LARGEST_INEXACTNESS = 0.05
-"""m: a transformation that is less exact is worth a warning."""
+MARKS = 21  # points on each side of a rectangle that are transformed to find one around it
+LARGEST_INEXACTNESS = 0.05  # m: a transformation that is less exact is worth a warning
 GEOGRAPHIC, GEOGRAPHIC_3D = "EPSG:4326", "EPSG:4979"
-NORTHWARDS = 1e-4
-"""Degrees, some 11 m: over such a way the direction of north on the grid is found."""
+NORTHWARDS = 1e-4  # degrees, some 11 m: over such a way the direction of north on the grid is found
 
 
 class FileCrs(NamedTuple):

@@ -16,16 +16,13 @@ from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_fro
 from maxcon.io.crs import GeographicFrame
 from maxcon.scan.trajectory import Trajectory, first_fault
 
-BASELINE = 5.0
-"""A course over ground is that between two positions so far apart, m."""
+BASELINE = 5.0  # a course over ground is that between two positions so far apart, m
 ALIKE = math.radians(30.0)
 """An IMU whose headings are farther from the course over ground, in the median, does not know where north is."""
 COMPASS_ALIKE = math.radians(10.0)
 """Headings that are as near to it as this when bearings are read as headings, or the other way round, are such."""
-ASSUMED_SIGMA = math.radians(2.0)
-"""Of an IMU's heading, where it states none, rad."""
-MAX_GAP = 0.5
-"""Between two orientations to interpolate across, s."""
+ASSUMED_SIGMA = math.radians(2.0)  # of an IMU's heading, where it states none, rad
+MAX_GAP = 0.5  # between two orientations to interpolate across, s
 COURSE = "headings: course over ground"
 
 
@@ -38,42 +35,26 @@ class Heights(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Orientations:
-    """Orientations of an IMU towards east, north and up.
+    """Orientations of an IMU towards east, north and up."""
 
-    topic: where they come from.
-    trajectory: at the origin.
-    sigmas: shape (n,); standard deviations of the heading, rad; NaN where none is stated.
-    frame: name of the IMU's frame, where there are such.
-    """
-
-    topic: str
-    trajectory: Trajectory
-    sigmas: NDArray[np.float64]
-    frame: str = ""
+    topic: str  # where they come from
+    trajectory: Trajectory  # at the origin
+    sigmas: NDArray[np.float64]  # shape (n,); standard deviations of the heading, rad; NaN where none is stated
+    frame: str = ""  # name of the IMU's frame, where there are such
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReceiverLog:
-    """What a receiver measured.
+    """What a receiver measured."""
 
-    times: shape (n,); s, strictly increasing.
-    places: shape (n, 3); latitude, longitude (degrees), height (m).
-    covariances: shape (n, 2, 2); of east and north, m^2; NaN where none is stated.
-    n_left_out: messages without a fix.
-    heights: what the heights are counted from.
-    orientations: of an IMU, where there is one.
-    words: what is to be said of it.
-    left_out: what is wrong with rows that are no positions.
-    """
-
-    times: NDArray[np.float64]
-    places: NDArray[np.float64]
-    covariances: NDArray[np.float64]
-    n_left_out: int = 0
-    heights: Heights = Heights.ELLIPSOIDAL
-    orientations: Orientations | None = None
-    words: str = ""
-    left_out: tuple[str, ...] = ()
+    times: NDArray[np.float64]  # shape (n,); s, strictly increasing
+    places: NDArray[np.float64]  # shape (n, 3); latitude, longitude (degrees), height (m)
+    covariances: NDArray[np.float64]  # shape (n, 2, 2); of east and north, m^2; NaN where none is stated
+    n_left_out: int = 0  # messages without a fix
+    heights: Heights = Heights.ELLIPSOIDAL  # what the heights are counted from
+    orientations: Orientations | None = None  # of an IMU, where there is one
+    words: str = ""  # what is to be said of it
+    left_out: tuple[str, ...] = ()  # what is wrong with rows that are no positions
 
 
 def covariances_of(sigmas: NDArray[np.float64]) -> NDArray[np.float64]:

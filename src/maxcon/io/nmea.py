@@ -38,8 +38,7 @@ N_COLUMNS = {"no fix": 2, "time": 2, "date": 2, "sigmas": 4, "position": 7, "HDT
 """Of what is kept of sentences; the first is the place in the log, the second a time of the day, s (a date: s since
 1970). Then sigmas of east and north, m; latitude, longitude, degrees, altitude, geoid, m, and a sigma that is assumed,
 m; or azimuth, roll to starboard, nose up and sigma of the azimuth, degrees. What is not said is NaN."""
-TIMED = ("GGA", "GNS", "RMC", "ZDA", "GST", "PASHR")
-"""Sentences that begin with a time of the day."""
+TIMED = ("GGA", "GNS", "RMC", "ZDA", "GST", "PASHR")  # sentences that begin with a time of the day
 
 
 def is_nmea(file: Path) -> bool:

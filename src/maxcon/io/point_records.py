@@ -14,31 +14,24 @@ from maxcon.io.text import printable
 
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Kinds of numbers by their code in sensor_msgs/PointField."""
-RINGS = ("ring", "channel", "laser_id", "line", "laser_number")
-"""Names under which drivers store the layer of a point."""
+RINGS = ("ring", "channel", "laser_id", "line", "laser_number")  # names under which drivers store the layer of a point
 MAX_POINTS = 50_000_000
 MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
 """Odd factors by which the bits of x, y and z are hashed."""
 
 
 class CloudPoints(NamedTuple):
-    """The returns of a cloud: finite, not at (0, 0, 0), and each once.
+    """The returns of a cloud: finite, not at (0, 0, 0), and each once."""
 
-    points: shape (n, 3), float64; sensor frame, m.
-    times: when each was measured, and how its field of times was understood.
-    rings: shape (n,), or None; layer of the scanner, where the cloud says.
-    n_points, n_invalid, n_duplicates: points in the record; those at (0, 0, 0) or with coordinates that are not finite;
-        of the others those with the same coordinates as one before them.
-    fields: names and types of all fields of a point, where the cloud tells them.
-    """
-
-    points: NDArray[np.float64]
-    times: PointTimes
-    rings: NDArray[np.int64] | None
+    points: NDArray[np.float64]  # shape (n, 3), float64; sensor frame, m
+    times: PointTimes  # when each was measured, and how its field of times was understood
+    rings: NDArray[np.int64] | None  # shape (n,), or None; layer of the scanner, where the cloud says
+    # n_points, n_invalid, n_duplicates: points in the record; those at (0, 0, 0) or with coordinates that are not
+    # finite; of the others those with the same coordinates as one before them
     n_points: int
     n_invalid: int
     n_duplicates: int
-    fields: str = ""
+    fields: str = ""  # names and types of all fields of a point, where the cloud tells them
 
 
 def record_type(names: Sequence[str], kinds: Sequence[Any], offsets: Sequence[int] | None = None) -> np.dtype[np.void]:

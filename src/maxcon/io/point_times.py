@@ -12,10 +12,8 @@ PAIRS = (("time_sec", "time_nsec"), ("sec", "nsec"), ("timestampsec", "timestamp
 """Fields that hold seconds, and the nanoseconds to add."""
 NAMES = ("timestamp", "time_stamp", "timestamps", "time", "times", "t", "offset_time", "time_offset", "t_offset")
 """Fields that hold a time, in small letters; the first of these that is there is taken."""
-TIME_FIELDS = frozenset([*NAMES, *(name for pair in PAIRS for name in pair)])
-"""All of these, in small letters."""
-UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-"""Nanoseconds of each unit."""
+TIME_FIELDS = frozenset([*NAMES, *(name for pair in PAIRS for name in pair)])  # all of these, in small letters
+UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # nanoseconds of each unit
 UNIT_WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 LONGEST, SHORTEST = 2 * 10**9, 10**6
 """Between the first and the last point of a scan, ns: some scanners turn once in a second, some drivers pass on every
@@ -26,17 +24,13 @@ SAME_CLOCK = 60 * 10**9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointTimes:
-    """When the points of a scan were measured.
+    """When the points of a scan were measured."""
 
-    offsets: shape (n,), float64, or None; from the time of the message to that of each point, s; None where no field
-        tells, or its values make no sense.
-    kind: field, unit and reference of the times, without figures: usually the same for all scans of a recording.
-    words: the same with the figures of this scan that speak for it.
-    """
-
+    # Shape (n,), float64, or None; from the time of the message to that of each point, s; None where no field tells, or
+    # its values make no sense
     offsets: NDArray[np.float64] | None
-    kind: str
-    words: str
+    kind: str  # field, unit and reference of the times, without figures: usually the same for all scans of a recording
+    words: str  # the same with the figures of this scan that speak for it
 
     @property
     def middle(self) -> float:

@@ -119,8 +119,7 @@ def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> 
     return np.where(wanted - times[before] <= times[after] - wanted, before, after)
 
 
-LONELY_GAP = 0.1
-"""Where the first scanner has a single scan: largest distance in time to scans of the others, s."""
+LONELY_GAP = 0.1  # where the first scanner has a single scan: largest distance in time to scans of the others, s
 
 
 class DeskewedScans(Scans):

@@ -27,8 +27,7 @@ MAX_LINES = 250_000
 
 SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
-ANGLES = ("roll", "pitch", "heading", "azimuth", "sigma_heading")
-"""In rad, or in degrees as NAME_deg."""
+ANGLES = ("roll", "pitch", "heading", "azimuth", "sigma_heading")  # in rad, or in degrees as NAME_deg
 OTHER_NAMES = {"time": "timestamp"}
 UNCLEAR_HEADINGS = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")
 """Headings of other programs: some count from the north, or clockwise."""
@@ -112,21 +111,14 @@ def in_natural_order(paths: list[Path]) -> list[Path]:
 
 @dataclass(slots=True, eq=False)
 class PoseTable:
-    """Rows of a table, as texts.
-
-    names: of the columns, in small letters; empty if the file holds no line.
-    header_line: counted from 1.
-    lines: of each row.
-    rows: cells, as many as there are names.
-    faults: what is wrong with lines that are no rows, by their numbers.
-    """
+    """Rows of a table, as texts."""
 
     file: Path
-    names: list[str]
-    header_line: int = 0
-    lines: list[int] = field(default_factory=list)
-    rows: list[list[str]] = field(default_factory=list)
-    faults: dict[int, str] = field(default_factory=dict)
+    names: list[str]  # of the columns, in small letters; empty if the file holds no line
+    header_line: int = 0  # counted from 1
+    lines: list[int] = field(default_factory=list)  # of each row
+    rows: list[list[str]] = field(default_factory=list)  # cells, as many as there are names
+    faults: dict[int, str] = field(default_factory=dict)  # what is wrong with lines that are no rows, by their numbers
 
     def refuse(self, words: str, line: int | None = None) -> NoReturn:
         """Raise TrajectoryError because of a line, that of the header if none is given."""

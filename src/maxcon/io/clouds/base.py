@@ -31,41 +31,30 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CloudHeader:
-    """What is known of a cloud before its points are read.
-
-    crs: coordinate reference system as WKT; None where the file names none that can be used.
-    crs_fault: what the file has instead of one, in words; empty where it names none at all.
-    has_asprs_classes: whether classes are those of the ASPRS (LAS), not of any scheme.
-    has_normals, has_classes, has_times: which of these come with each chunk.
-    reader: what reads it, where it is no file that `open_cloud` reads; `n_points` is an estimate then.
-    """
+    """What is known of a cloud before its points are read."""
 
     path: Path
     n_points: int
-    crs: str | None = None
+    crs: str | None = None  # coordinate reference system as WKT; None where the file names none that can be used
+    # has_normals, has_classes, has_times: which of these come with each chunk
     has_normals: bool = False
     has_classes: bool = False
     has_times: bool = False
-    has_asprs_classes: bool = False
-    crs_fault: str = ""
+    has_asprs_classes: bool = False  # whether classes are those of the ASPRS (LAS), not of any scheme
+    crs_fault: str = ""  # what the file has instead of one, in words; empty where it names none at all
+    # What reads it, where it is no file that `open_cloud` reads; `n_points` is an estimate then
     reader: "CloudReader | None" = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudChunk:
-    """Some points of a cloud, as they stand in the file: also those with NaN or infinite coordinates.
+    """Some points of a cloud, as they stand in the file: also those with NaN or infinite coordinates."""
 
-    points: shape (k, 3), float64; global coordinates, m.
-    normals: shape (k, 3), float64, or None; not checked to be unit vectors.
-    classes: shape (k,), uint8, or None; classification codes, e.g. 2 for ground.
-    times: shape (k,), float64, or None; gps_time, s.
-    is_withheld: shape (k,), bool, or None; points that the file marks as deleted (LAS).
-    """
-
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64] | None = None
-    classes: NDArray[np.uint8] | None = None
-    times: NDArray[np.float64] | None = None
+    points: NDArray[np.float64]  # shape (k, 3), float64; global coordinates, m
+    normals: NDArray[np.float64] | None = None  # shape (k, 3), float64, or None; not checked to be unit vectors
+    classes: NDArray[np.uint8] | None = None  # shape (k,), uint8, or None; classification codes, e.g. 2 for ground
+    times: NDArray[np.float64] | None = None  # shape (k,), float64, or None; gps_time, s
+    # Shape (k,), bool, or None; points that the file marks as deleted (LAS)
     is_withheld: NDArray[np.bool_] | None = None
 
 

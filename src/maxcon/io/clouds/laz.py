@@ -29,8 +29,7 @@ HEADER_BYTES, RECORD_HEAD = 375, 54
 OCTREE = struct.Struct("<5d2Q")
 ENTRY = np.dtype([("level", "<i4"), ("key", "<i4", 3), ("offset", "<u8"), ("n_bytes", "<i4"), ("n_points", "<i4")])
 DEEPEST = 30
-PAGE = -1
-"""The count of points of an entry that leads to another page of the octree."""
+PAGE = -1  # the count of points of an entry that leads to another page of the octree
 
 
 class LazChunks(NamedTuple):

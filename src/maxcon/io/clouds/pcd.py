@@ -15,8 +15,7 @@ from maxcon.io.point_records import coordinate_fields, record_type
 
 MAX_HEADER_BYTES = 2**16
 MAX_COLUMNS = 10_000
-MAX_RATIO = 300
-"""The compression of PCD reaches 88 at the very most."""
+MAX_RATIO = 300  # the compression of PCD reaches 88 at the very most
 TYPES = {"F4", "F8", "U1", "U2", "U4", "U8", "I1", "I2", "I4", "I8"}
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")

@@ -28,20 +28,13 @@ from maxcon.io.text import MAX_LINES, table_of, text_lines
 
 
 class RecordLayout(NamedTuple):
-    """Where and how the points of a file are stored.
+    """Where and how the points of a file are stored."""
 
-    encoding: "ascii", or "binary", or another that the reader of the format unpacks.
-    start: where rows begin, bytes.
-    n_points: how many points there are.
-    dtype: of one point.
-    n_rows_before: rows of text before the first point.
-    """
-
-    encoding: str
-    start: int
-    n_points: int
-    dtype: np.dtype[np.void]
-    n_rows_before: int = 0
+    encoding: str  # "ascii", or "binary", or another that the reader of the format unpacks
+    start: int  # where rows begin, bytes
+    n_points: int  # how many points there are
+    dtype: np.dtype[np.void]  # of one point
+    n_rows_before: int = 0  # rows of text before the first point
 
 
 class RecordReader(CloudReader):

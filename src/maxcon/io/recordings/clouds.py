@@ -29,25 +29,19 @@ T = TypeVar("T")
 CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan"
 PACKET_BYTES, POSITION_BYTES = 1206, (512, 554)
 """Bytes of a Velodyne's data packets, and of those with the position of its GNSS receiver."""
-LOOKED_AT = 2000
-"""UDP packets that are read to find out whether they are a Velodyne's."""
-HEADER_BYTES = 24
-"""Of a capture file."""
+LOOKED_AT = 2000  # UDP packets that are read to find out whether they are a Velodyne's
+HEADER_BYTES = 24  # of a capture file
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedCloud:
-    """One cloud of a recording, decoded when it is asked for its content.
+    """One cloud of a recording, decoded when it is asked for its content."""
 
-    label: file and topic, for messages.
-    recorded, stamp: when it was recorded, and the time of its message, ns.
-    records: its points as stored, or why they cannot be read.
-    """
-
-    label: str
+    label: str  # file and topic, for messages
+    # recorded, stamp: when it was recorded, and the time of its message, ns
     recorded: int
     stamp: int
-    records: NDArray[np.void] | FileError
+    records: NDArray[np.void] | FileError  # its points as stored, or why they cannot be read
 
     def points(self) -> CloudPoints:
         """Return its returns; FileError if it is broken."""

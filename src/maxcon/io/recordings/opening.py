@@ -17,8 +17,7 @@ from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.recording import Message, Recording, Topic
 from maxcon.io.text import SCAN_SUFFIXES, in_natural_order
 
-LARGEST_CHUNK = 2**29
-"""Bytes; recorders write chunks of about a megabyte, and more where a single message is larger."""
+LARGEST_CHUNK = 2**29  # bytes; recorders write chunks of about a megabyte, and more where a single message is larger
 RECORDING_SUFFIXES = (".bag", ".mcap", ".db3")
 CAPTURE_SUFFIX = ".pcap"
 

@@ -23,12 +23,9 @@ from maxcon.scan.trajectory import Trajectory
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-"""Types of messages that hold transforms."""
-STATIC = "tf_static"
-"""End of the names of topics with static transforms."""
-LARGEST_GAP = 2.0
-"""Largest time between two transforms of a pair of frames to interpolate across, s."""
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")  # types of messages that hold transforms
+STATIC = "tf_static"  # end of the names of topics with static transforms
+LARGEST_GAP = 2.0  # largest time between two transforms of a pair of frames to interpolate across, s
 
 
 def contents(recording: Recording, topics: Sequence[Topic], what: str) -> Iterator[tuple[str, float, Any]]:

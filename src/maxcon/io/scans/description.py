@@ -28,8 +28,7 @@ from maxcon.io.recordings.recording import Topic
 from maxcon.io.scans.folder import open_scan_folder
 from maxcon.scan import Scan
 
-N_SCANS = 10
-"""Scans of each scanner that are read for it."""
+N_SCANS = 10  # scans of each scanner that are read for it
 
 
 class RecordingDescription(NamedTuple):

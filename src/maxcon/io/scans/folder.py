@@ -102,13 +102,10 @@ def _difference(columns: NDArray[np.float32]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ScanFolder(Scans):
-    """Scans of one drive, with one file per epoch.
-
-    times: shape (n,); s, strictly increasing.
-    """
+    """Scans of one drive, with one file per epoch."""
 
     paths: tuple[Path, ...]
-    times: NDArray[np.float64]
+    times: NDArray[np.float64]  # shape (n,); s, strictly increasing
 
     def name(self, i: int) -> str:
         """Return the name of the file of scan number `i`."""
