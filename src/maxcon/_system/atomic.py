@@ -60,6 +60,13 @@ def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
             new.replace(target)
 
 
+def lift(folder: Path) -> None:
+    """Move what is in a folder beside it, and remove it."""
+    for each in folder.iterdir():
+        each.replace(folder.parent / each.name)
+    folder.rmdir()
+
+
 def write_json(path: str | os.PathLike[str], value: object) -> None:
     """Write a value as a JSON file; errors as of `atomic_file`."""
     with atomic_file(path) as partial:

@@ -44,6 +44,11 @@ def print_manifest(manifest: Manifest) -> None:
         rows.append(("spacing", _spacing(build["spacing"], manifest.cell)))
     if "found" in build:
         rows.append(("found", _found(build["found"])))
+    if placed := build.get("georeference"):
+        heading = math.degrees(math.atan2(placed["rotation"][1][0], placed["rotation"][0][0]))
+        parent = f"{placed['parent']['name']} {placed['parent']['sha256'][:8]} turned by {heading:.3f} degrees"
+        words = f"{placed['n_places']:,} places, {placed['n_outliers']:,} outliers; known to {placed['sigma']:.3f} m"
+        rows.append(("placed", f"{parent} by {words}"))
     rows += [("sigma", sigma_words(manifest)), ("made by", str(build.get("program", "unknown")))]
     rows += rows_of_updates(build.get("updates", []))
     print_rows(rows)
@@ -107,6 +112,7 @@ def sigma_words(manifest: Manifest) -> str:
         )
     words = {
         "assumed": f"assumed: {known.get('reason')}; say it with --sigma",
+        "georeference": "the map's own and that of its georeference",
         "alignment": "from alignment.json beside the clouds: aligned rounds agree better than that",
     }
     return f"{manifest.sigma:g} m, {words.get(known['from'], known['from'])}"

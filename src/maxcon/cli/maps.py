@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""`maxcon map build`, `align`, `update`, `info`, `copy` and `export`."""
+"""`maxcon map build`, `align`, `georeference`, `update`, `info`, `copy` and `export`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,6 +11,7 @@ import typer
 
 from maxcon.cli.drive_of_map import DriveOptions
 from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclusive, flag, flags
+from maxcon.cli.georeference import georeference
 from maxcon.cli.options import Quiet, RangeOptions, Scheduler
 from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
 from maxcon.errors import OptionError
@@ -289,6 +290,9 @@ def align(files: PassFiles, passes: PassOptions, worker: PlaceThreads, quiet: Qu
         )  # fmt: skip
     typer.echo(f"{files.out}")
     print_alignment(found)
+
+
+app.command(short_help="Give a map its coordinates: by a receiver, or control points.")(georeference)
 
 
 # --- info, copy, export ----------------------------------------------------------------------------------------

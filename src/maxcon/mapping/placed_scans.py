@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system import Progress
-from maxcon._system.atomic import atomic_folder, check_replaceable
+from maxcon._system.atomic import atomic_folder, check_replaceable, lift
 from maxcon._system.engine import Engine
 from maxcon._system.regular_file import sha256_of_file
 from maxcon.errors import OptionError, TrajectoryError
@@ -133,7 +133,5 @@ def map_of_drive(
         build_map([placed], before, options, n_threads=n_threads, engine=engine, progress=progress)
         manifest = update_map(before, [drive], after, judged, progress=progress)
         rmtree(before)
-        for each in after.iterdir():
-            each.replace(folder / each.name)
-        after.rmdir()
+        lift(after)
     return manifest

@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon map georeference`."""
+
+import csv
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from maxcon.cli.flags import OptionGroup, argument, check_needs, flag, flags
+from maxcon.cli.options import Quiet
+from maxcon.cli.terminal import compiling_told, print_rows, step_bars
+from maxcon.errors import OptionError
+
+if TYPE_CHECKING:
+    from maxcon.mapping.georeference import Georeference, Places
+    from maxcon.scan.trajectory import Trajectory
+
+
+class PlaceOptions(OptionGroup):
+    """What is known of where a map lies."""
+
+    map_folder: Path = argument(..., "Map in coordinates of its own, of a SLAM program for example.", "MAP")
+    crs: str = flag(..., "CRS of the new map, in metres.", metavar="EPSG:N|WKT")
+    out: Path = flag(..., "Folder of the map to write.", "--out", "-o", metavar="MAP2")
+    gnss: Path | None = flag(
+        None,
+        "Positions of a receiver: NMEA, CSV with latitude and longitude, a recording; or TUM or CSV in the CRS.",
+        metavar="FILE",
+    )
+    trajectory: Path | None = flag(
+        None, "Where the scanner was in the map, at the times of the receiver.", metavar="TUM|CSV"
+    )
+    mounting: Path | None = flag(
+        None, "Where [sensor] and [prior], the antenna, are in the vehicle; else at one place.", metavar="TOML"
+    )
+    gnss_topic: str | None = flag(None, "Which positions of a recording.", metavar="NAME")
+    geoid_height: float | None = flag(
+        None, "Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m.", metavar="M"
+    )
+    control: Path | None = flag(
+        None,
+        "Control points: name,x,y,z in the map, east,north,height in the CRS, and sigma (m) if not 0.05.",
+        metavar="CSV",
+    )
+    level_sigma_deg: float | None = flag(
+        None,
+        "How well the map's z axis is known to be up, as LiDAR-inertial programs leave it, degrees.",
+        metavar="DEG",
+    )
+    with_scale: bool = flag(False, "Distances in the map may be off by a factor, too.")
+    residuals: Path | None = flag(None, "Also write the residuals.", metavar="CSV")
+    picture: Path | None = flag(None, "Also draw them.", metavar="PNG|SVG")
+    poses_out: Path | None = flag(None, "Also write the trajectory in the CRS.", metavar="TUM")
+
+    def __post_init__(self) -> None:
+        gnss, trajectory = {"--gnss": self.gnss}, {"--trajectory": self.trajectory}
+        check_needs(gnss, trajectory)
+        check_needs(trajectory, gnss)
+        check_needs({"--mounting": self.mounting, "--gnss-topic": self.gnss_topic, "--poses-out": self.poses_out}, gnss)
+        if self.gnss is None and self.control is None:
+            raise OptionError("Expected --gnss or --control, to tell where the map lies, got neither. Give one.")
+        if self.level_sigma_deg is not None and not 0.0 < self.level_sigma_deg <= 90.0:
+            raise OptionError(
+                f"Expected --level-sigma-deg above 0, up to 90, got {self.level_sigma_deg}. 0.3 is usual."
+            )
+
+    def places(self) -> "tuple[Places, ...]":
+        """Return the same places in the map and in the CRS."""
+        from maxcon.io.trajectories import read_trajectory
+        from maxcon.mapping.georeference import places_of_fixes, read_control_points
+        from maxcon.scan.mounting import read_mounting, sensor_trajectory
+
+        found = [] if self.control is None else [read_control_points(self.control)]
+        if self.gnss is not None and self.trajectory is not None:
+            antenna = read_trajectory(self.trajectory)
+            if self.mounting is not None:
+                mounting = read_mounting(self.mounting)
+                antenna = sensor_trajectory(antenna, mounting.T_vehicle_sensor.inverse @ mounting.T_vehicle_prior)
+            found.append(places_of_fixes(antenna, self._fixes(self.gnss)))
+        return tuple(found)
+
+    def _fixes(self, path: Path) -> "Trajectory":
+        from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
+        from maxcon.io.recordings.opening import is_recording
+        from maxcon.io.recordings.poses import read_recorded_poses
+        from maxcon.io.trajectories import read_prior
+
+        check_needs({"--gnss-topic": self.gnss_topic}, {"a recording as --gnss": is_recording(path)})
+        if is_recording(path):
+            return read_recorded_poses(path, self.gnss_topic, self.crs, self.geoid_height, are_sure=True).trajectory
+        if is_geographic(path):
+            return read_geographic_prior(path, self.crs, self.geoid_height, are_sure=True).trajectory
+        return read_prior(path).trajectory
+
+
+@flags
+def georeference(
+    what: PlaceOptions,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MAP2 if there is one.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a map in the coordinates of a CRS, where positions of a receiver, or control points, say that it lies."""
+    from maxcon.cli.map_words import print_manifest
+    from maxcon.io.crs import metric_crs
+    from maxcon.io.trajectories import read_trajectory, write_tum
+    from maxcon.mapping.georeference import georeference as placed_by
+    from maxcon.mapping.moved_map import move_map
+    from maxcon.plotting.residuals import plot_residuals
+
+    crs, level = metric_crs(what.crs), what.level_sigma_deg
+    found = placed_by(
+        what.places(), with_scale=what.with_scale, level_sigma=None if level is None else math.radians(level)
+    )
+    rows = _rows(found)
+    print_rows(rows)
+    if what.residuals is not None:
+        _write_residuals(what.residuals, found)
+    if what.picture is not None:
+        measured, words = found.apply(found.local) + found.residuals, f"{rows[-2][1]}\n{rows[-1][1]}"
+        plot_residuals(what.picture, measured, found.residuals, found.are_outliers, words)
+    if what.poses_out is not None and what.trajectory is not None:
+        write_tum(what.poses_out, found.of_poses(read_trajectory(what.trajectory)))
+    with step_bars(quiet) as report, compiling_told(quiet):
+        manifest = move_map(what.map_folder, found, crs, what.out, overwrite=overwrite, progress=report)
+    typer.echo(f"{what.out}")
+    print_manifest(manifest)
+
+
+def _rows(found: "Georeference") -> list[tuple[str, str]]:
+    """How a map is placed, and how well: names and words."""
+    import numpy as np
+
+    heading = math.degrees(math.atan2(found.rotation[1, 0], found.rotation[0, 0]))
+    tilt = math.degrees(math.acos(min(1.0, found.rotation[2, 2])))
+    scale = f", {1e6 * (found.scale - 1.0):+.0f} mm per km" if found.scale != 1.0 else ""
+    good = np.abs(found.residuals[~found.are_outliers])
+    across = np.hypot(good[:, 0], good[:, 1])
+    east, north, up = found.sigmas_of_turns_deg
+    n_out, alike = int(found.are_outliers.sum()), found.n_alike
+    return [
+        ("turned", f"{heading:.3f} degrees about up, {tilt:.3f} degrees from up{scale}"),
+        ("residuals", f"median {np.median(across):.3f} m, 95 % {np.quantile(across, 0.95):.3f} m; heights"
+         f" {np.median(good[:, 2]):.3f} and {np.quantile(good[:, 2], 0.95):.3f} m; {n_out} of {len(found.residuals)}"
+         " places are outliers" + (f"; {alike:.0f} fixes in a row err alike" if alike >= 1.5 else "")),
+        ("known to", f"{found.sigma:.3f} m in the mean over these places; turns to {east:.3f}, {north:.3f} degrees"
+         f" about east and north, {up:.3f} about up"),
+    ]  # fmt: skip
+
+
+def _write_residuals(path: Path, found: "Georeference") -> None:
+    from maxcon._system.atomic import atomic_file
+
+    names = [name for each in found.places for name in each.names]
+    measured = found.apply(found.local) + found.residuals
+    columns = "name east north height residual_east residual_north residual_up sigma sigma_up is_outlier"
+    with atomic_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns.split())
+        for row in zip(names, measured, found.residuals, found.sigmas, found.are_outliers, strict=True):
+            name, place, residual, sigma, is_outlier = row
+            writer.writerow(
+                [name, *(f"{value:.4f}" for value in (*place, *residual, sigma[0], sigma[2])), int(is_outlier)]
+            )

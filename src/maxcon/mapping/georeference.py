@@ -1,0 +1,348 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Where a map in coordinates of its own lies: a rigid transform from positions of a receiver, and control points.
+
+A place x of the map is at c + d + s exp(w) R (x - m) in the CRS, with m and c the middles of both sides. d, w and s are
+adjusted with Cauchy's weights, from twelve headings, so that no rough transform is needed.
+"""
+
+import math
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import OptionError, TrajectoryError
+from maxcon.io.text import read_pose_table
+from maxcon.scan.trajectory import Trajectory
+
+LEAST_FIXES = 10
+CONTROL_COLUMNS = ("name", "x", "y", "z", "east", "north", "height")
+LARGEST_GAP = 1.0  # s; no antenna's place is interpolated across a larger one
+N_HEADINGS = 12  # of the starts
+MOST_AT_STARTS = 200  # fixes, evenly over all
+CAUCHY = 2.385  # residuals of so many sigmas weigh half: 95 % efficient where all errors are normal
+NORMAL_MEDIAN = 0.6745  # median of the absolute value of a standard normal deviate
+SINGULAR, UNKNOWN = 1e-9, 1e12  # eigenvalues of the scaled normal matrix below it say nothing: their variance instead
+OUTLIER = 4.0  # sigmas; what is farther off is told as an outlier
+LEAST_SIGMA = 1e-3  # of fixes, in stated ones, or m: simulated ones may have no errors
+CONTROL_SIGMA = 0.05  # m, of a control point along an axis, where none is stated
+LARGEST_ANGLE_SIGMA = math.radians(1.0)  # an axis known less well is not determined
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Places:
+    """The same places in the map and in the CRS.
+
+    names: of each, (n,); of fixes their times.
+    local, global_: shape (n, 3), m.
+    sigmas: shape (n, 3); along the axes of the CRS, m, but for a factor where `has_own_scale`: of fixes, whose errors
+        are estimated, horizontal and vertical, and follow each other in time.
+    """
+
+    names: tuple[str, ...]
+    local: NDArray[np.float64]
+    global_: NDArray[np.float64]
+    sigmas: NDArray[np.float64]
+    has_own_scale: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Georeference:
+    """How a map is placed: x_global = to + scale * rotation @ (x_map - middle).
+
+    - covariance: shape (6, 6) or (7, 7); of `to` (m), of turns about the axes of the CRS (rad), of the logarithm of the
+      scale.
+    - places: what it is from; residuals, sigmas: shape (n, 3), of all of them, m.
+    - n_alike: so many fixes in a row err alike.
+    """
+
+    rotation: NDArray[np.float64]
+    middle: NDArray[np.float64]
+    to: NDArray[np.float64]
+    scale: float
+    covariance: NDArray[np.float64]
+    places: tuple[Places, ...]
+    residuals: NDArray[np.float64]
+    sigmas: NDArray[np.float64]
+    n_alike: float
+
+    @property
+    def local(self) -> NDArray[np.float64]:
+        """All places in the map, shape (n, 3), m."""
+        return np.concatenate([each.local for each in self.places])
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places of the map, shape (n, 3), m, in the CRS."""
+        return np.asarray(self.to + self.scale * (points - self.middle) @ self.rotation.T)
+
+    def of_poses(self, poses: Trajectory) -> Trajectory:
+        """Poses T_map_sensor in the CRS."""
+        from scipy.spatial.transform import Rotation
+
+        turned = Rotation.from_matrix(self.rotation) * Rotation.from_quat(poses.quaternions_xyzw)
+        return Trajectory(poses.times, self.apply(poses.positions), turned.as_quat())
+
+    @property
+    def are_outliers(self) -> NDArray[np.bool_]:
+        """Which places lie farther off than errors explain."""
+        return np.asarray((np.abs(self.residuals) > OUTLIER * self.sigmas).any(axis=1))
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the places that it is from, along the worst axis, m, in the mean over all."""
+        levers = self.scale * (self.local - self.middle) @ self.rotation.T
+        moved = jacobians(levers, len(self.covariance))
+        variances = np.einsum("nai,ij,naj->na", moved, self.covariance, moved)
+        return math.sqrt(float(variances.mean(axis=0).max()))
+
+    @property
+    def sigmas_of_turns_deg(self) -> tuple[float, float, float]:
+        """Standard deviations of the turns about east, north and up, degrees."""
+        x, y, z = np.degrees(np.sqrt(np.diag(self.covariance)[3:6])).tolist()
+        return x, y, z
+
+    def describe(self) -> Mapping[str, object]:
+        """Return its entry in the manifest (docs/map_format.md)."""
+        return {
+            "rotation": self.rotation.tolist(),
+            "middle": self.middle.tolist(),
+            "to": self.to.tolist(),
+            "scale": self.scale,
+            "sigma": round(self.sigma, 4),
+            "sigmas_of_turns_deg": [round(value, 5) for value in self.sigmas_of_turns_deg],
+            "n_places": len(self.residuals),
+            "n_outliers": int(self.are_outliers.sum()),
+        }
+
+
+def places_of_fixes(antenna: Trajectory, fixes: Trajectory) -> Places:
+    """Return where the antenna was at the times of fixes, in the map and by the receiver.
+
+    antenna: T_map_antenna; fixes: positions in the CRS, with covariances where they are stated.
+
+    TrajectoryError if there are fewer than ten with poses around them.
+    """
+    rows, local = list[int](), list[NDArray[np.float64]]()
+    for row, time in enumerate(fixes.times.tolist()):
+        with suppress(TrajectoryError):
+            local.append(antenna.at(time, LARGEST_GAP).position)
+            rows.append(row)
+    if len(rows) < LEAST_FIXES:
+        raise TrajectoryError(
+            f"Expected at least {LEAST_FIXES} fixes between poses at most {LARGEST_GAP:g} s apart, got {len(rows)} of"
+            f" {len(fixes)}: fixes from {fixes.times[0]:.3f} to {fixes.times[-1]:.3f} s, poses from"
+            f" {antenna.times[0]:.3f} to {antenna.times[-1]:.3f} s. Do both use the same clock?"
+        )
+    sigmas = np.ones((len(rows), 3))
+    if fixes.covariances is not None:
+        stated = np.sqrt(0.5 * np.trace(fixes.covariances[rows, :2, :2], axis1=1, axis2=2))
+        usual = np.nanmedian(stated)
+        if usual > 0.0:
+            sigmas *= np.where(stated > 0.0, stated / usual, 1.0)[:, None]
+    names = tuple(f"{time:.6f}" for time in fixes.times[rows].tolist())
+    return Places(names, np.array(local), fixes.positions[rows], sigmas, has_own_scale=True)
+
+
+def read_control_points(path: str | os.PathLike[str]) -> Places:
+    """Return the control points of a CSV file.
+
+    Its columns: name; x, y, z in the map; east, north, height in the CRS; sigma, which may be missing; m.
+
+    FileError or TrajectoryError if it cannot be read, or a column is missing.
+    """
+    table = read_pose_table(Path(path), "control points")
+    missing = [name for name in CONTROL_COLUMNS if name not in table.names]
+    if missing:
+        table.refuse(
+            f"Expected a header with {','.join(CONTROL_COLUMNS)}, got no {missing[0]!r} in"
+            f" {','.join(table.names)[:80]!r}. Name the columns so, separated by commas."
+        )
+    values = table.numbers([*CONTROL_COLUMNS[1:], "sigma"], may_be_empty=True)
+    for row in np.flatnonzero(np.isnan(values[:, :6]).any(axis=1) | (values[:, 6] == 0.0)).tolist():
+        table.add_fault(row, "Expected numbers in all columns, sigma above 0, got another.")
+    (values,) = table.good([values], may_leave_out=False)
+    sigmas = np.where(np.isnan(values[:, 6]), CONTROL_SIGMA, values[:, 6])
+    return Places(
+        tuple(table.texts("name")), values[:, :3], values[:, 3:6], np.tile(sigmas[:, None], 3), has_own_scale=False
+    )
+
+
+def georeference(
+    places: tuple[Places, ...], *, with_scale: bool = False, level_sigma: float | None = None
+) -> Georeference:
+    """Return the transform from a map to the CRS that fits places best.
+
+    with_scale: whether distances in the map may be off by a factor.
+    level_sigma: how well the z axis of the map is known to be up, rad; None: not at all.
+
+    OptionError if the places do not determine it.
+    """
+    local, global_, stated = (
+        np.concatenate([getattr(each, name) for each in places]) for name in ("local", "global_", "sigmas")
+    )
+    is_fix = np.repeat([each.has_own_scale for each in places], [len(each.names) for each in places])
+    middle, centre = np.median(local, axis=0), np.median(global_, axis=0)
+    fit = _Fit(local - middle, global_ - centre, with_scale, level_sigma)
+    sigmas = stated.copy()
+    pose = fit.start(sigmas)
+    for _ in range(10):
+        residuals = fit.residuals(pose)
+        for axes in (slice(2), slice(2, 3)):  # a receiver's heights are worse
+            sizes = np.abs(residuals[is_fix, axes] / stated[is_fix, axes])
+            sigmas[is_fix, axes] = stated[is_fix, axes] * max(_sigma_of(sizes), LEAST_SIGMA)
+        pose = fit.adjusted(pose, sigmas, "cauchy", CAUCHY)
+    covariance, n_alike = fit.covariance(pose, sigmas, is_fix)
+    found = Georeference(
+        pose.rotation, middle, centre + pose.shift, pose.scale, covariance, places, fit.residuals(pose), sigmas, n_alike
+    )
+    _check_determined(found)
+    return found
+
+
+class _Pose(NamedTuple):
+    """Rotation (3, 3), shift (3,), m, and scale."""
+
+    rotation: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    scale: float
+
+
+class _Fit:
+    """The adjustment: places (n, 3) of the map and of the CRS, both about their middles, m."""
+
+    def __init__(
+        self, local: NDArray[np.float64], global_: NDArray[np.float64], with_scale: bool, level_sigma: float | None
+    ) -> None:
+        self.local, self.global_, self.level_sigma = local, global_, level_sigma
+        self.n_unknowns = 7 if with_scale else 6
+
+    def residuals(self, pose: _Pose) -> NDArray[np.float64]:
+        return np.asarray(self.global_ - pose.shift - pose.scale * self.local @ pose.rotation.T)
+
+    def start(self, sigmas: NDArray[np.float64]) -> _Pose:
+        """Return the best of the poses found from headings all around, by sums of distances."""
+        from scipy.spatial.transform import Rotation
+
+        chosen = np.unique(np.linspace(0, len(self.local) - 1, MOST_AT_STARTS).astype(int))
+        part = _Fit(self.local[chosen], self.global_[chosen], self.n_unknowns == 7, self.level_sigma)
+        poses = []
+        for heading in np.arange(N_HEADINGS) * (2.0 * math.pi / N_HEADINGS):
+            rotation = Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix()
+            shift = np.median(part.global_ - part.local @ rotation.T, axis=0)
+            poses.append(part.adjusted(_Pose(rotation, shift, 1.0), sigmas[chosen], "soft_l1", 1.0))
+        return min(poses, key=lambda pose: float(np.linalg.norm(part.residuals(pose), axis=1).sum()))
+
+    def adjusted(self, pose: _Pose, sigmas: NDArray[np.float64], loss: str, scale: float) -> _Pose:
+        """Return a pose adjusted from another."""
+        from scipy.optimize import least_squares
+
+        def normalized(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+            changed = self._changed(pose, unknowns)
+            return np.append(self.residuals(changed) / sigmas, self._tilt(changed))
+
+        def jacobian(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+            return -self._jacobian(self._changed(pose, unknowns), sigmas)
+
+        found = least_squares(normalized, np.zeros(self.n_unknowns), jacobian, loss=loss, f_scale=scale, x_scale="jac")
+        return self._changed(pose, found.x)
+
+    def covariance(
+        self, pose: _Pose, sigmas: NDArray[np.float64], is_fix: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Covariance of the unknowns, and how many fixes in a row err alike.
+
+        A sandwich of Cauchy's influence (Huber 1981, section 7.6); errors of fixes follow each other as an
+        autoregressive process of first order does. Of control points, too few to tell, the stated sigmas count, or
+        their residuals where these are larger.
+        """
+        sizes = self.residuals(pose) / sigmas
+        influence = sizes / (1.0 + (sizes / CAUCHY) ** 2)
+        slopes = (1.0 - (sizes / CAUCHY) ** 2) / (1.0 + (sizes / CAUCHY) ** 2) ** 2
+        n_alike = 1.0
+        if is_fix.any():
+            n_alike = _n_alike(influence[is_fix], np.abs(sizes[is_fix]).max(axis=1) <= OUTLIER)
+        n_free = sizes.size - self.n_unknowns
+        factor = max(1.0, float((sizes[~is_fix] ** 2).sum()) / n_free) if n_free > 0 else 1.0
+        variances = np.where(is_fix[:, None], n_alike * influence**2, factor)
+        variances *= sizes.size / max(n_free, 1) if is_fix.any() else 1.0
+        slopes[~is_fix] = 1.0
+        jacobian = self._jacobian(pose, sigmas)
+        ends = np.ones(len(jacobian) - sizes.size)
+        units = np.linalg.norm(jacobian, axis=0)
+        scaled = jacobian / units
+        normal = scaled.T @ (np.append(slopes, ends)[:, None] * scaled)
+        values, vectors = np.linalg.eigh(normal)
+        inverse = (vectors / np.maximum(values, SINGULAR)) @ vectors.T
+        middle = scaled.T @ (np.append(variances, ends)[:, None] * scaled)
+        covariance = inverse @ middle @ inverse + UNKNOWN * vectors @ np.diag(values < SINGULAR) @ vectors.T
+        return np.asarray(covariance / np.outer(units, units)), n_alike
+
+    def _changed(self, pose: _Pose, unknowns: NDArray[np.float64]) -> _Pose:
+        from scipy.spatial.transform import Rotation
+
+        rotation = Rotation.from_rotvec(unknowns[3:6]).as_matrix() @ pose.rotation
+        scale = pose.scale * math.exp(unknowns[6]) if self.n_unknowns == 7 else 1.0
+        return _Pose(rotation, pose.shift + unknowns[:3], scale)
+
+    def _tilt(self, pose: _Pose) -> NDArray[np.float64]:
+        """How far the map's z axis is from up, x and y, in sigmas."""
+        return np.empty(0) if self.level_sigma is None else -pose.rotation[:2, 2] / self.level_sigma
+
+    def _jacobian(self, pose: _Pose, sigmas: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of where places and the z axis come to lie, in sigmas; turns are small."""
+        levers = pose.scale * self.local @ pose.rotation.T
+        rows = (jacobians(levers, self.n_unknowns) / sigmas[:, :, None]).reshape(-1, self.n_unknowns)
+        if self.level_sigma is None:
+            return rows
+        of_axis = jacobians(pose.rotation[None, :, 2], self.n_unknowns)[0, :2] / self.level_sigma
+        of_axis[:, [0, 1, 2, *range(6, self.n_unknowns)]] = 0.0
+        return np.concatenate([rows, of_axis])
+
+
+def jacobians(levers: NDArray[np.float64], n_unknowns: int) -> NDArray[np.float64]:
+    """How places at levers (n, 3) move: with shift, turns about the axes, logarithm of the scale; (n, 3, unknowns)."""
+    found = np.zeros((len(levers), 3, 7))
+    found[:, :, :3] = np.eye(3)
+    for axis in range(3):
+        found[:, :, 3 + axis] = np.cross(np.eye(3)[axis], levers)
+    found[:, :, 6] = levers
+    return found[:, :, :n_unknowns]
+
+
+def _n_alike(influence: NDArray[np.float64], are_good: NDArray[np.bool_]) -> float:
+    """How many fixes in a row err alike, by those that are no outliers, (n, 3): as an autoregressive process does."""
+    pairs = are_good[1:] & are_good[:-1]
+    earlier, later = influence[:-1][pairs], influence[1:][pairs]
+    n, total = len(earlier), float((earlier**2 + later**2).sum())
+    if n < LEAST_FIXES or total == 0.0:
+        return 1.0
+    alike = 2.0 * float((earlier * later).sum()) / total
+    alike += 2.0 * (1.0 + 3.0 * alike) / n  # what the adjustment took (Kendall 1954), of two unknowns for each axis
+    alike = min(max(alike, 0.0), 1.0 - 2.0 / n)
+    return (1.0 + alike) / (1.0 - alike)
+
+
+def _sigma_of(sizes: NDArray[np.float64]) -> float:
+    return float(np.median(sizes)) / NORMAL_MEDIAN if sizes.size else 1.0
+
+
+def _check_determined(found: Georeference) -> None:
+    variances, axes = np.linalg.eigh(found.covariance[3:6, 3:6])
+    sigma, axis = math.sqrt(max(float(variances[-1]), 0.0)), axes[:, -1]
+    if sigma <= LARGEST_ANGLE_SIGMA:
+        return
+    angle = math.degrees(math.atan2(axis[1], axis[0])) % 180.0
+    turn = "heading" if abs(axis[2]) > 0.7 else f"roll about a line at {angle:.0f} degrees from east to north"
+    x, y, _ = np.ptp(np.concatenate([each.global_ for each in found.places]), axis=0)
+    known = f"{math.degrees(sigma):.2g} degrees only" if sigma < 1.0 else "no useful degree"
+    raise OptionError(
+        f"Expected places that determine how the map is turned, got some within {x:.0f} x {y:.0f} m from which its"
+        f" {turn} is known to {known}. Add places off that line (a longer drive, --control), or say how level the map"
+        " is (--level-sigma-deg)."
+    )
