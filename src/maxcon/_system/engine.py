@@ -61,17 +61,14 @@ Run = Callable[[Job[Any, Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
 
 @dataclass(frozen=True)
 class Engine:
-    """Where tasks are done. The results are the same wherever, but for the order they come in.
+    """Where tasks are done. The results are the same wherever, but for the order they come in."""
 
-    n_workers: processes on this machine; with one, all is done in this process. As many as there are processors if
-        None.
-    scheduler: address of a dask scheduler, as tcp://HOST:8786, instead: its workers do the tasks. All that they need
-        must have the same paths for them.
-    warn: called with a line for the user: what is waited for.
-    """
-
+    # Processes on this machine; with one, all is done in this process. As many as there are processors if None.
     n_workers: int | None = None
+    # Address of a dask scheduler, as tcp://HOST:8786, instead: its workers do the tasks. All that they need must have
+    # the same paths for them.
     scheduler: str | None = None
+    # Called with a line for the user: what is waited for
     warn: Callable[[str], None] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:

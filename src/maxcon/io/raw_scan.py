@@ -220,19 +220,16 @@ class MergedScans(Scans):
         FileError if one of its scans is broken; OptionError if not 0 <= min_range < max_range.
         """
         time = float(self.times[i])
-        raws, points, offsets, scanners = [], [], [], []
-        for number, row in enumerate(self._rows[i]):
-            if row < 0:
-                continue
-            raw = self.scanners[number].read(int(row), min_range, max_range)
-            own = np.zeros(len(raw.points)) if raw.point_times is None else raw.point_times
-            raws.append(raw)
-            points.append(self.poses[number].apply(raw.points))
-            offsets.append(own + (raw.time - time))
-            scanners.append(np.full(len(raw.points), number))
+        numbers = np.flatnonzero(self._rows[i] >= 0)
+        raws = [self.scanners[number].read(int(self._rows[i, number]), min_range, max_range) for number in numbers]
+        sizes = [len(raw.points) for raw in raws]
+        offsets = [
+            (np.zeros(size) if raw.point_times is None else raw.point_times) + (raw.time - time)
+            for raw, size in zip(raws, sizes, strict=True)
+        ]
         is_known = any(raw.point_times is not None or raw.time != time for raw in raws)
         return RawScan(
-            points=np.concatenate(points),
+            points=np.concatenate([self.poses[k].apply(raw.points) for k, raw in zip(numbers, raws, strict=True)]),
             time=time,
             name=self.name(i),
             n_returns=sum(raw.n_returns for raw in raws),
@@ -240,5 +237,5 @@ class MergedScans(Scans):
             n_dropped_range=sum(raw.n_dropped_range for raw in raws),
             n_dropped_duplicates=sum(raw.n_dropped_duplicates for raw in raws),
             point_times=np.concatenate(offsets) if is_known else None,
-            viewpoints=Viewpoints(np.concatenate(scanners), self.poses),
+            viewpoints=Viewpoints(np.repeat(numbers, sizes), self.poses),
         )
