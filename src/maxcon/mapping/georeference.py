@@ -30,6 +30,7 @@ CAUCHY = 2.385  # residuals of so many sigmas weigh half: 95 % efficient where a
 NORMAL_MEDIAN = 0.6745  # median of the absolute value of a standard normal deviate
 SINGULAR, UNKNOWN = 1e-9, 1e12  # eigenvalues of the scaled normal matrix below it say nothing: their variance instead
 OUTLIER = 4.0  # sigmas; what is farther off is told as an outlier
+STEP = 1e-6  # m and rad, of the derivatives of residuals
 LEAST_SIGMA = 1e-3  # of fixes, in stated ones, or m: simulated ones may have no errors
 CONTROL_SIGMA = 0.05  # m, of a control point along an axis, where none is stated
 LARGEST_ANGLE_SIGMA = math.radians(1.0)  # an axis known less well is not determined
@@ -60,6 +61,7 @@ class Georeference:
       scale.
     - places: what it is from; residuals, sigmas: shape (n, 3), of all of them, m.
     - n_alike: so many fixes in a row err alike.
+    - sigma: standard deviation of these places along the worst axis, m, in the mean over all.
     """
 
     rotation: NDArray[np.float64]
@@ -71,6 +73,7 @@ class Georeference:
     residuals: NDArray[np.float64]
     sigmas: NDArray[np.float64]
     n_alike: float
+    sigma: float
 
     @property
     def local(self) -> NDArray[np.float64]:
@@ -94,14 +97,6 @@ class Georeference:
         return np.asarray((np.abs(self.residuals) > OUTLIER * self.sigmas).any(axis=1))
 
     @property
-    def sigma(self) -> float:
-        """Standard deviation of the places that it is from, along the worst axis, m, in the mean over all."""
-        levers = self.scale * (self.local - self.middle) @ self.rotation.T
-        moved = jacobians(levers, len(self.covariance))
-        variances = np.einsum("nai,ij,naj->na", moved, self.covariance, moved)
-        return math.sqrt(float(variances.mean(axis=0).max()))
-
-    @property
     def sigmas_of_turns_deg(self) -> tuple[float, float, float]:
         """Standard deviations of the turns about east, north and up, degrees."""
         x, y, z = np.degrees(np.sqrt(np.diag(self.covariance)[3:6])).tolist()
@@ -109,16 +104,10 @@ class Georeference:
 
     def describe(self) -> Mapping[str, object]:
         """Return its entry in the manifest (docs/map_format.md)."""
-        return {
-            "rotation": self.rotation.tolist(),
-            "middle": self.middle.tolist(),
-            "to": self.to.tolist(),
-            "scale": self.scale,
-            "sigma": round(self.sigma, 4),
-            "sigmas_of_turns_deg": [round(value, 5) for value in self.sigmas_of_turns_deg],
-            "n_places": len(self.residuals),
-            "n_outliers": int(self.are_outliers.sum()),
-        }
+        arrays = {name: getattr(self, name).tolist() for name in ("rotation", "middle", "to")}
+        turns = [round(value, 5) for value in self.sigmas_of_turns_deg]
+        counts = {"n_places": len(self.residuals), "n_outliers": int(self.are_outliers.sum())}
+        return {**arrays, "scale": self.scale, "sigma": round(self.sigma, 4), "sigmas_of_turns_deg": turns, **counts}
 
 
 def places_of_fixes(antenna: Trajectory, fixes: Trajectory) -> Places:
@@ -188,19 +177,18 @@ def georeference(
     )
     is_fix = np.repeat([each.has_own_scale for each in places], [len(each.names) for each in places])
     middle, centre = np.median(local, axis=0), np.median(global_, axis=0)
-    fit = _Fit(local - middle, global_ - centre, with_scale, level_sigma)
-    sigmas = stated.copy()
-    pose = fit.start(sigmas)
+    fit = _Fit(local - middle, global_ - centre, level_sigma, 7 if with_scale else 6)
+    pose, sigmas = fit.start(stated), stated.copy()
     for _ in range(10):
-        residuals = fit.residuals(pose)
-        for axes in (slice(2), slice(2, 3)):  # a receiver's heights are worse
-            sizes = np.abs(residuals[is_fix, axes] / stated[is_fix, axes])
-            sigmas[is_fix, axes] = stated[is_fix, axes] * max(_sigma_of(sizes), LEAST_SIGMA)
+        for axes in (slice(2), slice(2, 3)) if is_fix.any() else ():  # a receiver's heights are worse
+            sizes = np.abs(fit.residuals(pose)[is_fix, axes] / stated[is_fix, axes])
+            sigmas[is_fix, axes] = stated[is_fix, axes] * max(float(np.median(sizes)) / NORMAL_MEDIAN, LEAST_SIGMA)
         pose = fit.adjusted(pose, sigmas, "cauchy", CAUCHY)
-    covariance, n_alike = fit.covariance(pose, sigmas, is_fix)
+    covariance, n_alike, sigma = fit.covariance(pose, sigmas, is_fix)
     found = Georeference(
-        pose.rotation, middle, centre + pose.shift, pose.scale, covariance, places, fit.residuals(pose), sigmas, n_alike
-    )
+        pose.rotation, middle, centre + pose.shift, pose.scale, covariance, places, fit.residuals(pose), sigmas,
+        n_alike, sigma,
+    )  # fmt: skip
     _check_determined(found)
     return found
 
@@ -212,15 +200,21 @@ class _Pose(NamedTuple):
     shift: NDArray[np.float64]
     scale: float
 
+    def changed(self, unknowns: NDArray[np.float64]) -> "_Pose":
+        """Return it shifted (m), turned about the axes (rad), and stretched (by a logarithm)."""
+        from scipy.spatial.transform import Rotation
 
-class _Fit:
+        rotation = Rotation.from_rotvec(unknowns[3:6]).as_matrix() @ self.rotation
+        return _Pose(rotation, self.shift + unknowns[:3], self.scale * math.exp(unknowns[6:].sum()))
+
+
+class _Fit(NamedTuple):
     """The adjustment: places (n, 3) of the map and of the CRS, both about their middles, m."""
 
-    def __init__(
-        self, local: NDArray[np.float64], global_: NDArray[np.float64], with_scale: bool, level_sigma: float | None
-    ) -> None:
-        self.local, self.global_, self.level_sigma = local, global_, level_sigma
-        self.n_unknowns = 7 if with_scale else 6
+    local: NDArray[np.float64]
+    global_: NDArray[np.float64]
+    level_sigma: float | None
+    n_unknowns: int
 
     def residuals(self, pose: _Pose) -> NDArray[np.float64]:
         return np.asarray(self.global_ - pose.shift - pose.scale * self.local @ pose.rotation.T)
@@ -230,89 +224,57 @@ class _Fit:
         from scipy.spatial.transform import Rotation
 
         chosen = np.unique(np.linspace(0, len(self.local) - 1, MOST_AT_STARTS).astype(int))
-        part = _Fit(self.local[chosen], self.global_[chosen], self.n_unknowns == 7, self.level_sigma)
-        poses = []
+        part, poses = self._replace(local=self.local[chosen], global_=self.global_[chosen]), list[_Pose]()
         for heading in np.arange(N_HEADINGS) * (2.0 * math.pi / N_HEADINGS):
             rotation = Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix()
             shift = np.median(part.global_ - part.local @ rotation.T, axis=0)
             poses.append(part.adjusted(_Pose(rotation, shift, 1.0), sigmas[chosen], "soft_l1", 1.0))
         return min(poses, key=lambda pose: float(np.linalg.norm(part.residuals(pose), axis=1).sum()))
 
+    def normalized(
+        self, unknowns: NDArray[np.float64], pose: _Pose, sigmas: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Residuals of a changed pose, and how far the map's z axis is from up, all in sigmas."""
+        changed = pose.changed(unknowns)
+        tilt = changed.rotation[:2, 2] / (self.level_sigma or math.inf)  # 0 where it is not known
+        return np.append(self.residuals(changed) / sigmas, tilt)
+
     def adjusted(self, pose: _Pose, sigmas: NDArray[np.float64], loss: str, scale: float) -> _Pose:
         """Return a pose adjusted from another."""
         from scipy.optimize import least_squares
 
-        def normalized(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
-            changed = self._changed(pose, unknowns)
-            return np.append(self.residuals(changed) / sigmas, self._tilt(changed))
-
-        def jacobian(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
-            return -self._jacobian(self._changed(pose, unknowns), sigmas)
-
-        found = least_squares(normalized, np.zeros(self.n_unknowns), jacobian, loss=loss, f_scale=scale, x_scale="jac")
-        return self._changed(pose, found.x)
+        begin = np.zeros(self.n_unknowns)
+        found = least_squares(self.normalized, begin, loss=loss, f_scale=scale, x_scale="jac", args=(pose, sigmas))
+        return pose.changed(found.x)
 
     def covariance(
         self, pose: _Pose, sigmas: NDArray[np.float64], is_fix: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float64], float]:
-        """Covariance of the unknowns, and how many fixes in a row err alike.
+    ) -> tuple[NDArray[np.float64], float, float]:
+        """Covariance of the unknowns, how many fixes in a row err alike, and sigma of the places.
 
         A sandwich of Cauchy's influence (Huber 1981, section 7.6); errors of fixes follow each other as an
         autoregressive process of first order does. Of control points, too few to tell, the stated sigmas count, or
         their residuals where these are larger.
         """
+        from scipy.optimize import approx_fprime
+
         sizes = self.residuals(pose) / sigmas
-        influence = sizes / (1.0 + (sizes / CAUCHY) ** 2)
-        slopes = (1.0 - (sizes / CAUCHY) ** 2) / (1.0 + (sizes / CAUCHY) ** 2) ** 2
-        n_alike = 1.0
-        if is_fix.any():
-            n_alike = _n_alike(influence[is_fix], np.abs(sizes[is_fix]).max(axis=1) <= OUTLIER)
-        n_free = sizes.size - self.n_unknowns
-        factor = max(1.0, float((sizes[~is_fix] ** 2).sum()) / n_free) if n_free > 0 else 1.0
-        variances = np.where(is_fix[:, None], n_alike * influence**2, factor)
-        variances *= sizes.size / max(n_free, 1) if is_fix.any() else 1.0
+        weights = 1.0 / (1.0 + (sizes / CAUCHY) ** 2)
+        influence, slopes = sizes * weights, (2.0 * weights - 1.0) * weights
+        n_alike = _n_alike(influence[is_fix], np.abs(sizes[is_fix]).max(axis=1, initial=0.0) <= OUTLIER)
+        n_free = max(sizes.size - self.n_unknowns, 1)
+        factor = max(1.0, float((sizes[~is_fix] ** 2).sum()) / n_free)
+        variances = np.where(is_fix[:, None], n_alike * influence**2 * sizes.size / n_free, factor)
         slopes[~is_fix] = 1.0
-        jacobian = self._jacobian(pose, sigmas)
-        ends = np.ones(len(jacobian) - sizes.size)
+        jacobian = approx_fprime(np.zeros(self.n_unknowns), self.normalized, STEP, pose, sigmas)
         units = np.linalg.norm(jacobian, axis=0)
-        scaled = jacobian / units
-        normal = scaled.T @ (np.append(slopes, ends)[:, None] * scaled)
-        values, vectors = np.linalg.eigh(normal)
+        scaled, ends = jacobian / units, np.ones(len(jacobian) - sizes.size)
+        values, vectors = np.linalg.eigh(scaled.T @ (np.append(slopes, ends)[:, None] * scaled))
         inverse = (vectors / np.maximum(values, SINGULAR)) @ vectors.T
         middle = scaled.T @ (np.append(variances, ends)[:, None] * scaled)
         covariance = inverse @ middle @ inverse + UNKNOWN * vectors @ np.diag(values < SINGULAR) @ vectors.T
-        return np.asarray(covariance / np.outer(units, units)), n_alike
-
-    def _changed(self, pose: _Pose, unknowns: NDArray[np.float64]) -> _Pose:
-        from scipy.spatial.transform import Rotation
-
-        rotation = Rotation.from_rotvec(unknowns[3:6]).as_matrix() @ pose.rotation
-        scale = pose.scale * math.exp(unknowns[6]) if self.n_unknowns == 7 else 1.0
-        return _Pose(rotation, pose.shift + unknowns[:3], scale)
-
-    def _tilt(self, pose: _Pose) -> NDArray[np.float64]:
-        """How far the map's z axis is from up, x and y, in sigmas."""
-        return np.empty(0) if self.level_sigma is None else -pose.rotation[:2, 2] / self.level_sigma
-
-    def _jacobian(self, pose: _Pose, sigmas: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of where places and the z axis come to lie, in sigmas; turns are small."""
-        levers = pose.scale * self.local @ pose.rotation.T
-        rows = (jacobians(levers, self.n_unknowns) / sigmas[:, :, None]).reshape(-1, self.n_unknowns)
-        if self.level_sigma is None:
-            return rows
-        of_axis = jacobians(pose.rotation[None, :, 2], self.n_unknowns)[0, :2] / self.level_sigma
-        of_axis[:, [0, 1, 2, *range(6, self.n_unknowns)]] = 0.0
-        return np.concatenate([rows, of_axis])
-
-
-def jacobians(levers: NDArray[np.float64], n_unknowns: int) -> NDArray[np.float64]:
-    """How places at levers (n, 3) move: with shift, turns about the axes, logarithm of the scale; (n, 3, unknowns)."""
-    found = np.zeros((len(levers), 3, 7))
-    found[:, :, :3] = np.eye(3)
-    for axis in range(3):
-        found[:, :, 3 + axis] = np.cross(np.eye(3)[axis], levers)
-    found[:, :, 6] = levers
-    return found[:, :, :n_unknowns]
+        moved = np.einsum("ni,ij,nj->n", scaled, covariance, scaled)[: sizes.size].reshape(-1, 3) * sigmas**2
+        return covariance / np.outer(units, units), n_alike, math.sqrt(float(moved.mean(axis=0).max()))
 
 
 def _n_alike(influence: NDArray[np.float64], are_good: NDArray[np.bool_]) -> float:
@@ -326,10 +288,6 @@ def _n_alike(influence: NDArray[np.float64], are_good: NDArray[np.bool_]) -> flo
     alike += 2.0 * (1.0 + 3.0 * alike) / n  # what the adjustment took (Kendall 1954), of two unknowns for each axis
     alike = min(max(alike, 0.0), 1.0 - 2.0 / n)
     return (1.0 + alike) / (1.0 - alike)
-
-
-def _sigma_of(sizes: NDArray[np.float64]) -> float:
-    return float(np.median(sizes)) / NORMAL_MEDIAN if sizes.size else 1.0
 
 
 def _check_determined(found: Georeference) -> None:

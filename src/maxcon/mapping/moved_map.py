@@ -48,9 +48,12 @@ class MovedMap(CloudReader):
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         for key in sorted(self._tiles.keys):
-            yield self._chunk(*surface_points(self._tiles.load(key), self.manifest.cell), min(UNCLASSIFIED))
-        edge, n_cells = ground_voxels(self.manifest.cell) * self.manifest.cell, TILE_VOXELS
-        n_cells //= ground_voxels(self.manifest.cell)
+            tile, n_most = self._tiles.load(key), max(1, max_points // STEPS**2)
+            for first in range(0, len(tile), n_most):
+                some = tile.rows(np.arange(first, min(first + n_most, len(tile))))
+                yield self._chunk(*surface_points(some, self.manifest.cell), min(UNCLASSIFIED))
+        n_voxels = ground_voxels(self.manifest.cell)
+        edge, n_cells = n_voxels * self.manifest.cell, TILE_VOXELS // n_voxels
         for key in sorted(self._ground.keys):
             columns, heights = self._ground.load(key).rows()
             parts = [
