@@ -7,18 +7,21 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from maxcon import PointMap, open_scans, read_recorded_poses, read_trajectory
 from maxcon.errors import MaxconError
 from maxcon.export import read_rows
 from maxcon.io.clouds import Bounds, open_cloud
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
 from maxcon.io.scans.description import describe
-from maxcon.io.trajectories import read_prior
+from maxcon.io.trajectories import read_poses_of_scans, read_prior
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.run import Study
 from maxcon.map.manifest import read_manifest
 from maxcon.map.point_map import stored_ground
 from maxcon.map.storage import Folder
+from maxcon.mapping.georeference import read_control_points
 from maxcon.scan.mounting import read_mounting
 
 Reader = Callable[[bytes, str, Path, Path], None]
@@ -103,6 +106,8 @@ READERS: dict[str, Reader] = {
     "part": _of_file(_part),
     "times": _of_file(_times),
     "trajectory": _of_file(read_trajectory, read_prior),
+    "poses of scans": _of_file(partial(read_poses_of_scans, times=np.arange(4.0))),
+    "control points": _of_file(read_control_points),
     "positions": _of_file(_positions),
     "poses": _of_file(read_rows),
     "mounting": _of_file(read_mounting),

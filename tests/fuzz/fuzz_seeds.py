@@ -175,7 +175,11 @@ POSITIONS = """time,latitude,longitude,ellipsoidal_height,heading_deg,sigma_x,si
 101,52.0,9.7301,60.5,84.4,0.5,0.6
 102,52.0,9.7302,60.6,84.4,0.5,0.6
 """
+KITTI = "".join(f"1 0 0 {i}.5 0 1 0 2.25 0 0 1 0.125\n" for i in range(4))
+CONTROL = "name,x,y,z,east,north,height,sigma\na,1,2,3,550001,5802002,53,0.02\nb,4,5,6,550004,5802005,56,\n"
 TEXTS = (
+    ("kitti", "poses of scans", "kitti.txt", KITTI),
+    ("control", "control points", "control.csv", CONTROL),
     ("scanners", "mounting", "mounting.toml", MOUNTING),
     ("mounting", "mounting", "mounting.toml", MOUNTING.replace("scanner.front", "sensor").partition("topic")[0]),
     ("dataset.toml", "dataset", "dataset.toml", DATASET),

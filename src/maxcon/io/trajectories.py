@@ -76,13 +76,15 @@ def read_poses_of_scans(path: str | os.PathLike[str], times: NDArray[np.float64]
         )
     matrices = values.reshape(-1, 3, 4)
     rotations, positions = matrices[:, :, :3], matrices[:, :, 3]
-    off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    is_wrong = (off > ROTATION_TOLERANCE) | (np.linalg.det(rotations) < 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        is_wrong = ~((off <= ROTATION_TOLERANCE) & (np.linalg.det(rotations) > 0.0))
+        steps = np.einsum("nji,nj->ni", rotations[:-1], np.diff(positions, axis=0))
+        along_z, way = np.abs(steps[:, 2]).sum(), np.linalg.norm(steps, axis=1).sum()
     if is_wrong.any():
         row = int(np.argmax(is_wrong))
         table.refuse("Expected a rotation and a position, row by row, got none. Correct this line.", table.lines[row])
-    steps = np.einsum("nji,nj->ni", rotations[:-1], np.diff(positions, axis=0))
-    if np.abs(steps[:, 2]).sum() > MOST_ALONG_Z * np.linalg.norm(steps, axis=1).sum() > 0.0:
+    if along_z > MOST_ALONG_Z * way > 0.0:
         raise TrajectoryError(
             f"Expected poses of the scanner in {file}, got some that move along its z axis, as KITTI's own do, which"
             " are of a camera. Turn them into the scanner's (calib.txt), or give them with times (TUM)."
