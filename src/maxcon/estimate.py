@@ -56,7 +56,7 @@ _EXPLANATIONS = {
     Status.FEW_MATCHES: "Few of the scan's points match the map even at the best cell: is the prior far off, or the"
     " map old or thin?",
     Status.NO_MATCH: "No scan point matched the map: is the prior inside the map, and is its height right?",
-    Status.NO_POINTS: "The scan has no point within the range limits.",
+    Status.NO_POINTS: "The scan has no point within the range limits (--min-range, --max-range, in metres).",
     Status.NO_PRIOR: "The prior trajectory has no pose at, or closely around, the time of the scan.",
     Status.OUTSIDE_MAP: "The prior lies outside the map.",
     Status.LOST: "The track has no place yet that enough scans agree on, or none any more: it looks around the prior"

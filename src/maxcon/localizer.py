@@ -275,7 +275,7 @@ class MaximumConsensus:
             found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same, passes=LAST_PASSES
         )
         if not (is_same or validated.is_localized):
-            reason = f"from farther around another place, {moved:.1f} m away, fits better"
+            reason = f"searched farther around, another place fits better, {moved:.1f} m away"
             return replace(doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True)
         return replace(validated, cell=doubted.cell if is_same else None, was_widened=True)
 

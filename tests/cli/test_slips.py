@@ -93,6 +93,25 @@ def test_mirrored_scans_are_told(localized, drive, tmp_path):
     assert "would be localized were the scans not mirrored: turn the sign of their y" in ended.out
 
 
+def test_scans_in_millimetres_are_told(localized, drive, tmp_path, maxcon):
+    scans, folder = open_scans(drive.dataset.scans), tmp_path / "millimetres"
+    folder.mkdir()
+    for number in range(len(scans.times)):
+        np.savez(folder / f"{number}.npz", points=scans.read(number).points * 1000.0)
+    (folder / "times.txt").write_text("\n".join(f"{time:.9f}" for time in scans.times) + "\n")
+    ended = localized(scans=folder)
+    assert "would be localized were the scans in millimetres: divide their coordinates by 1000" in ended.out
+    assert "--max-range, in metres" in ended.out
+    assert "--max-range, in metres" in maxcon("relocalize", drive.city, folder).out
+    assert "are these millimetres?" in maxcon("scans", "info", folder).out
+    assert "millimetres" not in maxcon("scans", "info", drive.dataset.scans).out
+
+
+def test_degrees_as_coordinates_are_told(localized, priors, refused):
+    rows = [f"{time},52.3,9.7,50,0,0,0" for time, _ in priors]
+    refused(localized(rows), "Are both in the same CRS? Degrees belong into a CSV that names them", "latitude")
+
+
 def test_where_nothing_fits_that_is_said(localized, priors):
     far = [(time, pose.translated([14.0, 9.0, 0.0])) for time, pose in priors]
     ended = localized(rows_of(far))

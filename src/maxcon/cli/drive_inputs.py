@@ -333,6 +333,8 @@ def parse_objective(word: str) -> Objective:
     try:
         found = getattr(import_module(module_name), name)
         return as_objective(found() if isinstance(found, type) else found)
+    except OptionError:
+        raise
     except Exception as error:  # the user's own code may fail in any way
         raise OptionError(
             f"Expected --objective {word!r} to name an objective in a module that can be imported, got"

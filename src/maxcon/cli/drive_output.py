@@ -28,6 +28,7 @@ from maxcon.drive.many import ManyDrivesJob, localize_drives, read_drives
 from maxcon.drive.poses_table import GrowingTable, RowsThere, localized_trajectory, rows_there
 from maxcon.errors import FileError, MaxconError, OptionError
 from maxcon.export import read_rows
+from maxcon.io.crs import crs_name
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.lab.report import check_jinja2
 from maxcon.lab.report.drive_page import LocalizedDrive, write_drive_page
@@ -37,6 +38,7 @@ from maxcon.plotting.epoch import plot_epoch
 from maxcon.plotting.figure import check_matplotlib
 from maxcon.scan.trajectory import Trajectory
 
+PAGES = (".html", ".htm")
 N_PICTURES = 10  # pictures drawn when none are asked for by number, evenly over the drive
 
 
@@ -55,6 +57,8 @@ def check_outputs(
             f"Expected a .csv as --out, got {out}. Write POSES.csv; `maxcon export` turns it into other formats."
         )
     if report is not None:
+        if report.suffix.lower() not in PAGES:
+            raise OptionError(f"Expected a page {' or '.join(PAGES)} as --report, got {report}. Rename it.")
         check_jinja2()
         check_matplotlib()
     for path in (out, table.tum, report):
@@ -199,7 +203,7 @@ class TableOfDrive:
             )
         first = next((number for number, epoch in enumerate(epochs) if epoch.pose_global is not None), 0)
         if self.is_track and first:
-            typer.echo(f"the track begins with epoch {epochs[first].epoch}: before, it was not known where")
+            typer.echo(f"the track begins with epoch {epochs[first].epoch}: before, its place was not known")
         if left_out:
             typer.echo(f"{len(left_out)} rows of the prior are left out; the first: {left_out[0]}")
         if searched:
@@ -274,12 +278,18 @@ def report_drive(
     """Write the page of a drive, of all rows of its table."""
     prior, entry = drive.prior.trajectory, drive.entry
     facts = {
-        "Map": f"{entry.map}, voxels of {drive.point_map.cell:g} m", "Scans": f"{entry.scans}",
+        "Map": f"{entry.map}, voxels of {drive.point_map.cell:g} m", "CRS": crs_name(drive.point_map.frame.crs),
+        "Scans": f"{entry.scans}",
         "Sigma of the map": sigma_words(read_manifest(entry.map)), "Rough poses": f"{entry.prior or entry.scans}",
         **assumed,
     }  # fmt: skip
     localized = LocalizedDrive(read_rows(out), drive.point_map, drive.scans, drive.opener.drive, prior, reference)
     write_drive_page(page, localized, f"{entry.scans.name} in {Path(entry.map).name}", facts)
+    far = [math.hypot(error.along, error.across) for error in localized.errors() if error is not None]
+    if far:
+        typer.echo(
+            f"from the reference: median {median(far):.3f} m, worst {max(far):.3f} m in x and y, {len(far)} scans"
+        )
     typer.echo(f"a page of it: {page}")
 
 
@@ -298,7 +308,7 @@ def printed(drive: Iterator[EpochEstimate]) -> Iterator[EpochEstimate]:
     """Print a line for each epoch once it is done."""
     for epoch in drive:
         pose = epoch.pose_global
-        words = epoch.reason
+        words = epoch.reason or epoch.status.explanation
         if pose is not None:
             words = f"x {pose.x:.3f} y {pose.y:.3f} z {pose.z:.3f} m, heading {math.degrees(pose.heading):.2f} degrees"
         typer.echo(f"{epoch.raw.name}: {epoch.status.value}{'; ' if words else ''}{words}")

@@ -76,7 +76,9 @@ class PictureOptions(OptionGroup, title="Output"):
     report: Path | None = flag(
         None, "Write a page of the drive: map, statuses, protection levels, worst epochs.", metavar="PAGE.html"
     )
-    reference: Path | None = flag(None, "Poses held for true: how good the answers are, too.", metavar="TUM|CSV")
+    reference: Path | None = flag(
+        None, "With --report: poses held for true; the page says how far answers are from them.", metavar="TUM|CSV"
+    )
 
     def __post_init__(self) -> None:
         check_needs({"--plot-epochs": self.plot_epochs}, {"--plot DIR": self.plot})
@@ -166,6 +168,8 @@ def localize(
     localized.write_tum()
     if pictures.report is not None:
         reach = f"{drive.method.space.half_width:g} m and {drive.method.space.heading_half_width_deg:g} degrees around"
+        if motion.track:
+            reach = f"tracked, within {reach} the prior"
         assumed = {"Searched": searched or reach, "Risk of a protection level": f"{certainty.risk:g} per scan"}
         drive_output.report_drive(pictures.report, out, drive, reference, assumed)
     localized.end()

@@ -128,6 +128,10 @@ ALTERNATIVES = (
     _turn("upside down and turned by 180 degrees", 180.0, 180.0),
     MIRRORED,
     Alternative(
+        "were the scans in millimetres: divide their coordinates by 1000",
+        points=lambda points, prior, origin: points / 1000.0,
+    ),
+    Alternative(
         "were the scans in global coordinates: write them in the sensor's frame",
         points=lambda points, prior, origin: prior.inverse.apply(points - origin),
     ),

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 MAP_MARGIN = 30.0
 """A prior farther from any voxel tile lies outside the map. A wide square may have nothing but ground (m)."""
+FAR_FROM_ZERO = 10_000.0  # m; where a map lies that far out, numbers up to 180 may be degrees
 
 # The map is told of the tiles so far (m) around the priors of so many epochs: a remote one fetches them ahead.
 EPOCHS_AHEAD, METRES_AHEAD = 10, 40.0
@@ -372,7 +373,10 @@ def check_inside(point_map: PointMap, priors: Sequence[Pose | None], what: str =
     first = point_map.frame.pose_to_global(known[0])
     (x_low, y_low), (x_high, y_high) = point_map.bounds
     low, high = point_map.frame.to_global([[x_low, y_low, 0.0], [x_high, y_high, 0.0]])
+    remedy = "Are both in the same CRS?"
+    if max(abs(first.x), abs(first.y)) <= 180.0 and np.abs(low[:2]).max() > FAR_FROM_ZERO:
+        remedy += " Degrees belong into a CSV that names them: time,latitude,longitude,... (docs/priors.md)."
     raise MapError(
         f"Expected {what} inside the map, x {low[0]:.7g} to {high[0]:.7g} and y {low[1]:.7g} to"
-        f" {high[1]:.7g} m, got x {first.x:.7g}, y {first.y:.7g} m. Are both in the same CRS?"
+        f" {high[1]:.7g} m, got x {first.x:.7g}, y {first.y:.7g} m. {remedy}"
     )

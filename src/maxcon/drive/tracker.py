@@ -268,7 +268,8 @@ class Tracker:
         if rival > (largest if self._was_localized else min(largest, TOLD_APART)):
             return Status.AMBIGUOUS, f"{len(self._hypotheses)} places fit the last scans"
         if best.agreement < options.least_agreement:
-            return why, f"scans have agreed with this place by {best.agreement:.2f} of a whole one so far"
+            needed = f"{best.agreement:.2f}, {options.least_agreement:g} is needed"
+            return why, f"too few scans agree with this place so far: their matched fractions sum to {needed}"
         if place.sigma > options.largest_sigma:
             return why, f"known to {place.sigma:.2f} m only"
         if best.is_contradicted:

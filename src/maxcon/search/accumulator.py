@@ -179,7 +179,7 @@ def level_of(point_map: PointMap, space: SearchSpace) -> PointMap:
             return point_map.level(factor)
     raise SearchSpaceError(
         f"Expected the cell edge of the search space to be the map's voxel edge, {point_map.cell:g} m, or 2, 4, ... 32"
-        f" times that, got {space.cell_edge:g} m. Build the map with that cell, or give the space none."
+        f" times that, got {space.cell_edge:g} m. Choose one of these, or leave it out: it is found then."
     )
 
 

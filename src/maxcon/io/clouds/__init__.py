@@ -41,8 +41,11 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
         is_empty = file.stat().st_size == 0
     reader = _READERS.get(file.suffix.lower())
     if reader is None or is_empty:
+        remedy = "Convert it to one of these, or leave it out."
+        if file.suffix.lower() == ".bin":
+            remedy = "A map of scans is built with `maxcon map build --scans FOLDER --poses POSES`."
         raise FileError(
             f"Expected a point cloud with suffix {', '.join(CLOUD_SUFFIXES)}, got {file}"
-            f"{', an empty file' if is_empty else ''}. Convert it to one of these, or leave it out."
+            f"{', an empty file' if is_empty else ''}. {remedy}"
         )
     return reader(file)

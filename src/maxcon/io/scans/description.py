@@ -29,6 +29,7 @@ from maxcon.io.scans.folder import open_scan_folder
 from maxcon.scan import Scan
 
 N_SCANS = 10  # scans of each scanner that are read for it
+FARTHEST_MEDIAN = 500.0  # m; no scanner of vehicles sees half of its points farther away
 
 
 class RecordingDescription(NamedTuple):
@@ -102,7 +103,9 @@ def _described(source: str, n_scans: int, reads: Iterator[tuple[float, Callable[
     if full:
         points = np.concatenate(full)
         ranges = np.linalg.norm(points, axis=1)
-        words["range"] = f"{ranges.min():.2f} to {ranges.max():.1f} m, median {np.median(ranges):.1f} m"
+        median = float(np.median(ranges))
+        unit = ": are these millimetres?" if median > FARTHEST_MEDIAN else ""
+        words["range"] = f"{ranges.min():.2f} to {ranges.max():.1f} m, median {median:.1f} m{unit}"
         extents = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
         words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"
         first = ranges[: len(full[0])]

@@ -142,7 +142,7 @@ def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod
             near = difflib.get_close_matches(name, [*known, *METHOD_SETS], n=3, cutoff=0.4)
             raise OptionError(
                 f"Expected a method or a set, got {name!r}. Did you mean {' or '.join(near) or 'consensus'}?"
-                f" Sets are {', '.join(METHOD_SETS)}; docs/study.md lists the methods."
+                f" Sets are {', '.join(METHOD_SETS)}; docs/study.md lists the methods, and runs your own."
             )
         chosen.update({member: known[member] for member in METHOD_SETS.get(name, (name,))})
     if not chosen:
