@@ -278,7 +278,7 @@ def report_drive(
     """Write the page of a drive, of all rows of its table."""
     prior, entry = drive.prior.trajectory, drive.entry
     facts = {
-        "Map": f"{entry.map}, voxels of {drive.point_map.cell:g} m", "CRS": crs_name(drive.point_map.frame.crs),
+        "Map": f"{entry.map}, voxels of {drive.point_map.cell:g} m; CRS: {crs_name(drive.point_map.frame.crs)}",
         "Scans": f"{entry.scans}",
         "Sigma of the map": sigma_words(read_manifest(entry.map)), "Rough poses": f"{entry.prior or entry.scans}",
         **assumed,
