@@ -3,7 +3,7 @@
 """Planes of a block of neighbourhoods against the plane of each, and that against numpy."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from maxcon.scan.plane_kernels import BLOCK, covariance, plane_normal, plane_normals
@@ -25,6 +25,7 @@ def flat_neighbourhood(rng, n, share, middle_share):
 
 
 @given(st.integers(0, 2**32), st.integers(1, BLOCK), st.sampled_from([0.0, 1e-3, 0.1, 0.3, 1.0]))
+@example(43373, 11, 0.0)
 def test_a_block_of_planes_is_the_plane_of_each(seed, n, share):
     rng = np.random.default_rng(seed)
     moments, planes = np.full(10 * BLOCK, np.nan), np.full(5 * BLOCK, np.nan)
@@ -40,8 +41,9 @@ def test_a_block_of_planes_is_the_plane_of_each(seed, n, share):
     for k, (smallest, middle, normal) in enumerate(each):
         found = planes.reshape(5, BLOCK)[:, k]
         if smallest < 0.5 * middle:
-            np.testing.assert_allclose(found[:2], [smallest, middle], rtol=0.0, atol=1e-10 * middle)
-            np.testing.assert_allclose(np.linalg.norm(np.cross(found[2:], normal)), 0.0, atol=1e-9)
+            rounding = 1e-12  # of eigenvalues, the largest of which is about 1: the definition takes an arc cosine
+            np.testing.assert_allclose(found[:2], [smallest, middle], rtol=0.0, atol=1e-10 * middle + rounding)
+            np.testing.assert_allclose(np.linalg.norm(np.cross(found[2:], normal)), 0.0, atol=1e-9 + rounding / middle)
             np.testing.assert_allclose(np.linalg.norm(found[2:]), 1.0, atol=1e-14)
         else:
             assert not found[0] < 0.45 * found[1]
