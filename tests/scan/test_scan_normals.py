@@ -198,9 +198,10 @@ def test_real_scans_have_horizontal_normals(real_data, drive):
 @pytest.fixture
 def allocation_stats():
     """Counts of what compiled loops took and gave back."""
+    from numba.core.registry import cpu_target
     from numba.core.runtime import _nrt_python, rtsys
 
-    rtsys.initialize(None)
+    rtsys.initialize(cpu_target.target_context)
     were_on = _nrt_python.memsys_stats_enabled()
     _nrt_python.memsys_enable_stats()
     yield rtsys.get_allocation_stats
