@@ -7,7 +7,8 @@ import struct
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.io.recordings.recording import RecordingKind, write_bag, write_recording
+from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.io.recordings.recording import Entry, RecordingKind, header_of, write_bag, write_recording
 from maxcon.io.scans import RawScan, Scans
 from maxcon.lab.simulation.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory
@@ -60,6 +61,20 @@ def write_entries(path, entries):
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
         write_bag(bag, store, store.serialize_cdr, entries)
     return path
+
+
+def transforms(time, *given, topic="/tf"):
+    """Return one message of transforms: (parent, child, pose) each."""
+
+    def content(parent, child, pose):
+        turn = quaternions_from_angles(pose.roll, pose.pitch, pose.heading).ravel()
+        place = dict(
+            translation=dict(zip("xyz", pose.position.tolist(), strict=True)),
+            rotation=dict(zip("xyzw", turn.tolist(), strict=True)),
+        )
+        return {"header": header_of(time, parent), "child_frame_id": child, "transform": place}
+
+    return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [content(*one) for one in given]})
 
 
 def record_drive(path, scans, prior=None, crs="EPSG:25832", **options):

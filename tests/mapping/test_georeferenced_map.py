@@ -186,6 +186,8 @@ def test_half_a_question_is_refused(slam, tmp_path):
     for words, kind, said in (
         (crs, OptionError, "--gnss or --control"),
         ((*gnss, *crs), OptionError, "--gnss together with --trajectory"),
+        ((*gnss, "--trajectory", slam / "poses.tum", "--geoid-height", "46", *crs), OptionError, "latitude and long"),
+        (("--control", slam / "control.csv", "--geoid-height", "46", *crs), OptionError, "together with --gnss"),
         (("--control", two, *crs), OptionError, "places that determine"),
         (("--control", other, *crs), TrajectoryError, "no 'east'"),
         (("--control", slam / "control.csv", "--crs", "EPSG:4326", "-o", tmp_path / "x.map"), CrsError, "metres"),

@@ -11,15 +11,18 @@ import pytest
 from typer.testing import CliRunner
 
 from localized_poses import rows_of
-from maxcon import PointMap, Trajectory, open_scans
+from maxcon import PointMap, Pose, Trajectory, open_scans
 from maxcon.cli import app
+from maxcon.cli.drive_of_map import DriveOptions
 from maxcon.errors import FileError, MaxconError, OptionError, TrajectoryError
 from maxcon.geometry import wrap_angle
 from maxcon.io.trajectories import read_trajectory, write_tum
+from maxcon.lab.simulation.recordings import ODOMETRY, drive_messages
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import read_manifest
 from maxcon.mapping.update.evidence import classes_of
-from recorded_drives import record_drive
+from maxcon.scan.mounting import sensor_trajectory
+from recorded_drives import record_drive, transforms, write_entries
 from street_of_boxes import WALL, DriveOfBoxes
 
 PARKED = ((8.0, -3.8, 0.2), (12.0, -2.2, 1.5))
@@ -94,6 +97,26 @@ def test_poses_by_number_and_those_of_a_recording_make_the_same_map(drive, built
             np.testing.assert_array_equal(one, other)
 
 
+def test_a_mounting_moves_poses_to_the_scanner_once_whatever_a_recording_says(drive, tmp_path):
+    """Poses of a vehicle in a recording whose transforms tell where the scanner is: by these, or by a mounting."""
+    scans, true = open_scans(drive / "scans"), read_trajectory(drive / "poses.tum")
+    mounted = Pose(1.1, 0.2, 1.9, 0.0, 0.0, 0.3)
+    of_vehicle = sensor_trajectory(true, mounted.inverse)
+    messages = [transforms(float(scans.times[0]), ("base_link", "sensor", mounted), topic="/tf_static")]
+    for entry in drive_messages(scans, true, "EPSG:25832", odometry=of_vehicle):
+        of_it = {"child_frame_id": "base_link"} if entry.topic == ODOMETRY else {}
+        messages.append(entry._replace(content={**entry.content, **of_it}))
+    recording = write_entries(tmp_path / "drive.mcap", messages)
+    mounting = tmp_path / "mounting.toml"
+    mounting.write_text(
+        f"[sensor]\nposition = {[*mounted.position]}\nheading_deg = {np.degrees(mounted.heading)}\n[odometry]\n"
+    )
+    for given in (None, mounting):
+        placed = DriveOptions(scans=recording, poses=recording, mounting=given).open(quiet=True)
+        found = np.array([pose.position for pose in placed.poses.values()])
+        np.testing.assert_allclose(found, true.positions, atol=1e-4)
+
+
 def test_scans_without_a_pose_are_left_out_and_told(drive, tmp_path):
     poses = (drive / "poses.tum").read_text().splitlines()
     (tmp_path / "half.tum").write_text("\n".join(poses[:19]) + "\n")
@@ -129,6 +152,7 @@ def test_other_clocks_empty_folders_and_half_a_question_are_refused(drive, tmp_p
         (scans, OptionError, "--scans together with --poses"),
         ((*scans, *given, tmp_path), OptionError, "either --scans or clouds"),
         ((*scans, *given, "--deskew"), FileError, "a time for each point"),
+        ((*scans, *given, "--deskew", "--turn-time", "10"), OptionError, "of up to 2 s, got 10"),
         ((*scans, *given, "--area", "0,0,1,1", "--max-range", "0.5"), OptionError, "min_range < max_range"),
     ):
         with pytest.raises(kind, match=said):

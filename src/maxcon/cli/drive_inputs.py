@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -78,7 +79,7 @@ class DriveOpener:
         """Return a drive with its inputs opened; MaxconError if one cannot be read, or an option does not fit it."""
         mounting = None if self.recording.mounting is None else read_mounting(self.recording.mounting)
         scans = self._scans(entry, mounting)
-        frame = _frame_of(scans) if mounting is None else ""
+        frame = frame_of(scans, mounting)
         prior = _prior(point_map, entry, self.recording, mounting, frame)
         odometry, odometry_words = _odometry(entry.odometry, self.recording, mounting, frame)
         words = [*_words_of(scans, quiet), prior.words, odometry_words]
@@ -198,9 +199,9 @@ def _done(opened: OpenedDrive, engine: Engine, tasks: list[DriveTask]) -> Iterat
 # --- scans, prior, odometry -----------------------------------------------------------------------------------
 
 
-def _frame_of(scans: Scans) -> str:
-    """Name of the scanner's frame, where a recording tells it."""
-    return scans.source.frame if isinstance(scans, RecordedScans) else ""
+def frame_of(scans: Scans, mounting: Mounting | None) -> str:
+    """Return the name of the scanner's frame, if a recording has to tell where it is on the vehicle; else nothing."""
+    return scans.source.frame if mounting is None and isinstance(scans, RecordedScans) else ""
 
 
 def _words_of(scans: Scans, quiet: bool) -> list[str]:
@@ -218,7 +219,18 @@ def _prior(
     point_map: PointMap, entry: DriveEntry, options: RecordingOptions, mounting: Mounting | None, sensor_frame: str
 ) -> RecordedPoses:
     """Rough poses of the scanner."""
-    poses = _poses_of_prior(point_map.frame.crs, entry, options, sensor_frame, are_sure=mounting is not None)
+    crs, asked = point_map.frame.crs, {"--prior-topic": options.prior_topic, "--prior-frames": options.prior_frames}
+    source = entry.prior or entry.scans
+    if entry.prior is None and (not is_recording(source) or source.suffix.lower() == CAPTURE_SUFFIX):
+        raise OptionError(
+            f"Expected --prior with rough poses beside {entry.scans}, got none. Give it; only recordings with poses in"
+            " them do without."
+        )
+    frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
+    poses = read_rough_poses(
+        source, crs, options.geoid_height, asked,
+        topic=options.prior_topic, are_sure=mounting is not None, frames=frames, sensor_frame=sensor_frame,
+    )  # fmt: skip
     trajectory = poses.trajectory
     if mounting is not None:
         trajectory = mounting.of_prior(trajectory, has_orientations=poses.has_orientations)
@@ -230,29 +242,22 @@ def _prior(
     return replace(poses, trajectory=trajectory, words=poses.words and f"prior: {poses.words}")
 
 
-def _poses_of_prior(
-    crs: str | None, entry: DriveEntry, options: RecordingOptions, sensor_frame: str, *, are_sure: bool
-) -> RecordedPoses:
-    """The poses of a recording, a table or a log, as they are there."""
-    source = entry.prior or entry.scans
-    if is_recording(source) and source.suffix.lower() != CAPTURE_SUFFIX:
-        frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
-        return read_recorded_poses(
-            source, options.prior_topic, crs, options.geoid_height,
-            are_sure=are_sure, frames=frames, sensor_frame=sensor_frame,
-        )  # fmt: skip
-    if entry.prior is None:
-        raise OptionError(
-            f"Expected --prior with rough poses beside {entry.scans}, got none. Give it; only recordings with poses in"
-            " them do without."
-        )
-    of_recordings = {"--prior-topic": options.prior_topic, "--prior-frames": options.prior_frames}
-    check_exclusive({f"the prior {source}, which is no recording,": True}, of_recordings)
-    if not is_recording(source) and is_geographic(source):
-        return read_geographic_prior(source, crs, options.geoid_height, are_sure=are_sure)
-    of_receivers = {"--geoid-height": options.geoid_height}
-    check_exclusive({f"the prior {source}, which is not in latitude and longitude,": True}, of_receivers)
-    return read_prior(source)
+def read_rough_poses(
+    path: Path, crs: str | None, geoid_height: float | None, asked: Mapping[str, str | None], *,
+    are_sure: bool, **how: Any,
+) -> RecordedPoses:  # fmt: skip
+    """Return the poses of a recording, a table or a log, as they are there; OptionError for an option without effect.
+
+    `asked`: the options of recordings, by their names; `how`: what `read_recorded_poses` takes of them.
+    """
+    if is_recording(path) and path.suffix.lower() != CAPTURE_SUFFIX:
+        return read_recorded_poses(path, crs=crs, geoid_height=geoid_height, are_sure=are_sure, **how)
+    check_exclusive({f"{path}, which is no recording,": True}, asked)
+    if not is_recording(path) and is_geographic(path):
+        return read_geographic_prior(path, crs, geoid_height, are_sure=are_sure)
+    of_receivers = {"--geoid-height": geoid_height}
+    check_exclusive({f"{path}, which is not in latitude and longitude,": True}, of_receivers)
+    return read_prior(path)
 
 
 def _odometry(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from maxcon.cli.flags import OptionGroup, check_needs, flag
-from maxcon.cli.options import AtStamp, Topic
+from maxcon.cli.options import AtStamp, MaxRange, MinRange, Times, Topic, TurnTime, check_turn_time
 from maxcon.cli.terminal import step_bars
 from maxcon.errors import OptionError
 
@@ -29,7 +29,7 @@ class DriveOptions(OptionGroup, title="Scans instead of clouds"):
         " one line per scan. z is up.",
         metavar="TUM|CSV|KITTI|RECORDING",
     )
-    times: Path | None = flag(None, "Time of each scan; default times.txt there, or the names.", metavar="FILE")
+    times: Times = None
     topic: Topic = None
     at_stamp: AtStamp = False
     poses_topic: str | None = flag(None, "Which poses of a recording.", metavar="NAME")
@@ -37,11 +37,9 @@ class DriveOptions(OptionGroup, title="Scans instead of clouds"):
         None, "Where [sensor] and [odometry] are in the vehicle, if the poses are not the scanner's.", metavar="TOML"
     )
     deskew: bool = flag(False, "Points have times, and are not deskewed: move them by the poses.")
-    turn_time: float | None = flag(
-        None, "With --deskew, where points have no times: as of `maxcon localize`.", metavar="S"
-    )
-    min_range: float = flag(1.0, "Points nearer to the scanner are left out.", metavar="M")
-    max_range: float = flag(120.0, "Points farther away are left out.", metavar="M")
+    turn_time: TurnTime = None
+    min_range: MinRange = 1.0
+    max_range: MaxRange = 120.0
     keep_moving: bool = flag(False, "Keep what later rays went through; else it is gone, as in `maxcon map update`.")
 
     def __post_init__(self) -> None:
@@ -53,12 +51,13 @@ class DriveOptions(OptionGroup, title="Scans instead of clouds"):
             "--poses-topic": self.poses_topic, "--mounting": self.mounting, "--keep-moving": self.keep_moving,
         }  # fmt: skip
         check_needs(others, {"--scans": self.scans})
-        check_needs({"--turn-time": self.turn_time}, {"--deskew": self.deskew})
+        check_turn_time(self.turn_time, deskew=self.deskew)
 
     def open(self, quiet: bool) -> "PlacedScans | None":
         """Return the scans, placed by their poses; None if there are none."""
         if self.scans is None or self.poses is None:
             return None
+        from maxcon.cli.drive_inputs import frame_of
         from maxcon.io.raw_scan import DeskewedScans
         from maxcon.io.recordings.opening import is_recording
         from maxcon.io.recordings.poses import read_recorded_poses
@@ -68,10 +67,14 @@ class DriveOptions(OptionGroup, title="Scans instead of clouds"):
         from maxcon.mapping.placed_scans import PlacedScans
         from maxcon.scan.mounting import read_mounting
 
+        mounting = None if self.mounting is None else read_mounting(self.mounting)
+        if mounting is not None and mounting.scanners:
+            raise OptionError(
+                f"Expected one scanner, [sensor], in {self.mounting}, got several. Build the map of one of them."
+            )
         scans = open_scans(self.scans, self.times, topic=self.topic, at_stamp=self.at_stamp)
-        frame = ""
+        frame = frame_of(scans, mounting)
         if isinstance(scans, RecordedScans):
-            frame = scans.source.frame
             with step_bars(quiet) as report:
                 scans.find_times(report)
         check_needs({"--poses-topic": self.poses_topic}, {"a recording as --poses": is_recording(self.poses)})
@@ -79,12 +82,7 @@ class DriveOptions(OptionGroup, title="Scans instead of clouds"):
             poses = read_recorded_poses(self.poses, self.poses_topic, is_odometry=True, sensor_frame=frame).trajectory
         else:
             poses = read_poses_of_scans(self.poses, scans.times)
-        if self.mounting is not None:
-            mounting = read_mounting(self.mounting)
-            if mounting.scanners:
-                raise OptionError(
-                    f"Expected one scanner, [sensor], in {self.mounting}, got several. Build the map of one of them."
-                )
+        if mounting is not None:
             poses = mounting.of_odometry(poses)
         opened = DeskewedScans(scans, poses, turn_time=self.turn_time) if self.deskew else scans
         return PlacedScans(

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from maxcon.cli.flags import OptionGroup, argument, check_needs, flag, flags
-from maxcon.cli.options import Quiet
+from maxcon.cli.options import GeoidHeight, Quiet
 from maxcon.cli.terminal import compiling_told, print_rows, step_bars
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from maxcon.mapping.georeference import Georeference, Places
-    from maxcon.scan.trajectory import Trajectory
 
 
 class PlaceOptions(OptionGroup):
@@ -37,9 +36,7 @@ class PlaceOptions(OptionGroup):
         None, "Where [sensor] and [prior], the antenna, are in the vehicle; else at one place.", metavar="TOML"
     )
     gnss_topic: str | None = flag(None, "Which positions of a recording.", metavar="NAME")
-    geoid_height: float | None = flag(
-        None, "Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m.", metavar="M"
-    )
+    geoid_height: GeoidHeight = None
     control: Path | None = flag(
         None,
         "Control points: name,x,y,z in the map, east,north,height in the CRS, and sigma (m) if not 0.05.",
@@ -59,7 +56,8 @@ class PlaceOptions(OptionGroup):
         gnss, trajectory = {"--gnss": self.gnss}, {"--trajectory": self.trajectory}
         check_needs(gnss, trajectory)
         check_needs(trajectory, gnss)
-        check_needs({"--mounting": self.mounting, "--gnss-topic": self.gnss_topic, "--poses-out": self.poses_out}, gnss)
+        of_gnss = {"--mounting": self.mounting, "--gnss-topic": self.gnss_topic, "--geoid-height": self.geoid_height}
+        check_needs(of_gnss | {"--poses-out": self.poses_out}, gnss)
         if self.gnss is None and self.control is None:
             raise OptionError("Expected --gnss or --control, to tell where the map lies, got neither. Give one.")
         if self.level_sigma_deg is not None and not 0.0 < self.level_sigma_deg <= 90.0:
@@ -69,6 +67,7 @@ class PlaceOptions(OptionGroup):
 
     def places(self) -> "tuple[Places, ...]":
         """Return the same places in the map and in the CRS."""
+        from maxcon.cli.drive_inputs import read_rough_poses
         from maxcon.io.trajectories import read_trajectory
         from maxcon.mapping.georeference import places_of_fixes, read_control_points
         from maxcon.scan.mounting import read_mounting, sensor_trajectory
@@ -79,21 +78,12 @@ class PlaceOptions(OptionGroup):
             if self.mounting is not None:
                 mounting = read_mounting(self.mounting)
                 antenna = sensor_trajectory(antenna, mounting.T_vehicle_sensor.inverse @ mounting.T_vehicle_prior)
-            found.append(places_of_fixes(antenna, self._fixes(self.gnss)))
+            asked = {"--gnss-topic": self.gnss_topic}
+            fixes = read_rough_poses(
+                self.gnss, self.crs, self.geoid_height, asked, topic=self.gnss_topic, are_sure=True
+            )
+            found.append(places_of_fixes(antenna, fixes.trajectory))
         return tuple(found)
-
-    def _fixes(self, path: Path) -> "Trajectory":
-        from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
-        from maxcon.io.recordings.opening import is_recording
-        from maxcon.io.recordings.poses import read_recorded_poses
-        from maxcon.io.trajectories import read_prior
-
-        check_needs({"--gnss-topic": self.gnss_topic}, {"a recording as --gnss": is_recording(path)})
-        if is_recording(path):
-            return read_recorded_poses(path, self.gnss_topic, self.crs, self.geoid_height, are_sure=True).trajectory
-        if is_geographic(path):
-            return read_geographic_prior(path, self.crs, self.geoid_height, are_sure=True).trajectory
-        return read_prior(path).trajectory
 
 
 @flags

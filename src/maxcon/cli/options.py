@@ -14,10 +14,7 @@ SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.", rich_help_panel="Output")]
 Times = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE", help="Time of each scan; default times.txt there, or the names.", rich_help_panel="Inputs"
-    ),
+    Path | None, typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names.")
 ]
 Risk = Annotated[
     float, typer.Option(metavar="0..1", help="Errors exceed the protection level with at most this probability.")
@@ -30,16 +27,37 @@ AtStamp = Annotated[
         help="The time of a recorded scan is its message's, not the middle between its first and its last point.",
     ),
 ]
+TurnTime = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S",
+        help="With --deskew, where points have no times: how long a turn of the scanner takes, from behind to behind,"
+        " clockwise seen from above; negative for counter-clockwise.",
+    ),
+]
+GeoidHeight = Annotated[
+    float | None,
+    typer.Option(metavar="M", help="Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m."),
+]
+MinRange = Annotated[float, typer.Option(metavar="M", help="Nearer points are left out.")]
+MaxRange = Annotated[float, typer.Option(metavar="M", help="Farther points are left out.")]
 Scheduler = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:8786: its workers do the work.")
 ]
 
 
+def check_turn_time(turn_time: float | None, *, deskew: bool) -> None:
+    """Refuse the time of a turn that is not used, or is none of a scanner: OptionError."""
+    check_needs({"--turn-time": turn_time}, {"--deskew": deskew})
+    if turn_time is not None and not 0.0 < abs(turn_time) <= 2.0:
+        raise OptionError(f"Expected --turn-time of up to 2 s, got {turn_time}. Most scanners take 0.1 s.")
+
+
 class RangeOptions(OptionGroup, title="Inputs"):
     """Which points of a scan take part, by their distance from the sensor, m."""
 
-    min_range: float = flag(1.0, "Nearer points are left out.", metavar="M")
-    max_range: float = flag(120.0, "Farther points are left out.", metavar="M")
+    min_range: MinRange = 1.0
+    max_range: MaxRange = 120.0
 
 
 class RecordingOptions(OptionGroup, title="Recordings and scanners"):
@@ -58,9 +76,7 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
     )
     odometry_topic: str | None = flag(None, "Which poses of a recording are the odometry.", metavar="NAME")
     odometry_frames: str | None = flag(None, "Likewise the odometry: odom:base_link.", metavar="FIXED:MOVING")
-    geoid_height: float | None = flag(
-        None, "Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m.", metavar="M"
-    )
+    geoid_height: GeoidHeight = None
     mounting: Path | None = flag(
         None,
         "Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses"
@@ -87,18 +103,11 @@ class MotionOptions(OptionGroup, title="Motion"):
         None, "Error of the odometry as a fraction of the way; 0.02 if not given.", metavar="SHARE"
     )
     deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
-    turn_time: float | None = flag(
-        None,
-        "With --deskew, where points have no times: how long a turn of the scanner takes, from behind to behind,"
-        " clockwise seen from above; negative for counter-clockwise.",
-        metavar="S",
-    )
+    turn_time: TurnTime = None
 
     def __post_init__(self) -> None:
         check_needs({"--odometry": self.odometry}, {"--track": self.track, "--deskew": self.deskew})
-        check_needs({"--turn-time": self.turn_time}, {"--deskew": self.deskew})
-        if self.turn_time is not None and not 0.0 < abs(self.turn_time) <= 2.0:
-            raise OptionError(f"Expected --turn-time of up to 2 s, got {self.turn_time}. Most scanners take 0.1 s.")
+        check_turn_time(self.turn_time, deskew=self.deskew)
 
 
 class MethodOptions(OptionGroup, title="Method"):

@@ -14,7 +14,7 @@ from maxcon.io.recordings.opening import open_recording
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.io.recordings.recording import Entry, header_of
 from maxcon.io.recordings.transforms import TransformTree, parse_frames
-from recorded_drives import NAMES, write_entries
+from recorded_drives import NAMES, transforms, write_entries
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -22,20 +22,6 @@ pytest.importorskip("mcap")
 T_base_gnss = Pose(-0.4, 0.3, 1.6, 0.0, 0.0, 0.0)
 T_base_imu = Pose(0.2, 0.0, 0.5, 0.0, 0.0, math.pi / 2)
 T_base_lidar = Pose(1.1, 0.0, 1.9, 0.01, 0.04, -0.3)
-
-
-def message(time, *transforms, topic="/tf"):
-    """One message of (parent, child, pose)."""
-
-    def content(parent, child, pose):
-        turn = quaternions_from_angles(pose.roll, pose.pitch, pose.heading).ravel()
-        place = dict(
-            translation=dict(zip("xyz", pose.position.tolist(), strict=True)),
-            rotation=dict(zip("xyzw", turn.tolist(), strict=True)),
-        )
-        return {"header": header_of(time, parent), "child_frame_id": child, "transform": place}
-
-    return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [content(*one) for one in transforms]})
 
 
 def odom(time):
@@ -48,7 +34,7 @@ def base(time):
     return Pose(8.0 * time, 0.2 * time, 0.0, 0.01, -0.02, 0.1 * time)
 
 
-STATIC = message(
+STATIC = transforms(
     1.0, ("base_link", "gnss", T_base_gnss), ("base_link", "imu", T_base_imu), ("base_link", "/lidar", T_base_lidar),
     topic="/tf_static",
 )  # fmt: skip
@@ -58,8 +44,8 @@ def drive(n=101):
     """Corrections once a second, odometry each 10 ms, mounting once."""
     return [
         STATIC,
-        *(message(1.0 + k, ("map", "odom", odom(1.0 + k))) for k in range(n // 100 + 1)),
-        *(message(1.0 + 0.01 * k, ("/odom", "base_link", base(1.0 + 0.01 * k))) for k in range(n)),
+        *(transforms(1.0 + k, ("map", "odom", odom(1.0 + k))) for k in range(n // 100 + 1)),
+        *(transforms(1.0 + 0.01 * k, ("/odom", "base_link", base(1.0 + 0.01 * k))) for k in range(n)),
     ]
 
 
@@ -125,7 +111,7 @@ def test_an_antenna_and_an_imu_with_frames_of_their_own(tmp_path):
 
 
 def test_what_cannot_be_is_refused(tmp_path):
-    path = written(tmp_path, [*drive(), message(1.5, ("shore", "boat", Pose(0, 0, 0, 0, 0, 0)))])
+    path = written(tmp_path, [*drive(), transforms(1.5, ("shore", "boat", Pose(0, 0, 0, 0, 0, 0)))])
     for frames, kind, words in (
         (("map", "velodyne"), OptionError, r"Expected a frame of .*, got 'velodyne'\. It has base_link, boat"),
         (("map", "boat"), FileError, "between map and boat, got none"),
@@ -137,19 +123,19 @@ def test_what_cannot_be_is_refused(tmp_path):
     for text in ("map", "map:", "a:b:c"):
         with pytest.raises(OptionError, match="FIXED:MOVING"):
             parse_frames(text, "--prior-frames")
-    two = [*drive(), message(1.5, ("utm", "base_link", base(1.5)))]
+    two = [*drive(), transforms(1.5, ("utm", "base_link", base(1.5)))]
     with pytest.raises(FileError, match=r"one parent of the frame base_link in .*, got odom, utm"):
         read_recorded_poses(written(tmp_path / "two", two), frames=("map", "lidar"))
-    circle = [message(1.0, ("a", "b", base(1.0)), ("b", "a", base(1.0)))]
+    circle = [transforms(1.0, ("a", "b", base(1.0)), ("b", "a", base(1.0)))]
     with open_recording(written(tmp_path / "circle", circle)) as recording:
         assert TransformTree.read(recording).static_pose("a", "b") is None
 
 
 def test_no_pose_is_made_across_a_gap(tmp_path):
-    still = [STATIC, message(1.0, ("map", "odom", odom(1.0)), ("odom", "base_link", base(1.0)))]
-    later = [message(9.0, ("map", "odom", odom(9.0))), message(5.0, ("odom", "base_link", base(5.0)))]
+    still = [STATIC, transforms(1.0, ("map", "odom", odom(1.0)), ("odom", "base_link", base(1.0)))]
+    later = [transforms(9.0, ("map", "odom", odom(9.0))), transforms(5.0, ("odom", "base_link", base(5.0)))]
     trajectory = read_recorded_poses(written(tmp_path, still + later), frames=("map", "lidar")).trajectory
     np.testing.assert_allclose(trajectory.times, [1.0])
-    apart = [message(1.0, ("map", "odom", odom(1.0))), message(9.0, ("odom", "base_link", base(9.0)))]
+    apart = [transforms(1.0, ("map", "odom", odom(1.0))), transforms(9.0, ("odom", "base_link", base(9.0)))]
     with pytest.raises(TrajectoryError, match="at common times"):
         read_recorded_poses(written(tmp_path / "apart", apart), frames=("map", "base_link"))
