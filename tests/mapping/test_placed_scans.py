@@ -109,7 +109,7 @@ def test_a_mounting_moves_poses_to_the_scanner_once_whatever_a_recording_says(dr
     recording = write_entries(tmp_path / "drive.mcap", messages)
     mounting = tmp_path / "mounting.toml"
     mounting.write_text(
-        f"[sensor]\nposition = {[*mounted.position]}\nheading_deg = {np.degrees(mounted.heading)}\n[odometry]\n"
+        f"[sensor]\nposition = {mounted.position.tolist()}\nheading_deg = {np.degrees(mounted.heading)}\n[odometry]\n"
     )
     for given in (None, mounting):
         placed = DriveOptions(scans=recording, poses=recording, mounting=given).open(quiet=True)
