@@ -31,7 +31,7 @@ from maxcon.export import read_rows
 from maxcon.io.crs import crs_name
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.lab.report import check_jinja2
-from maxcon.lab.report.drive_page import LocalizedDrive, write_drive_page
+from maxcon.lab.report.drive_page import ReportedDrive, write_drive_page
 from maxcon.localizer import MaximumConsensus
 from maxcon.map.manifest import read_manifest
 from maxcon.plotting.epoch import plot_epoch
@@ -283,9 +283,9 @@ def report_drive(
         "Sigma of the map": sigma_words(read_manifest(entry.map)), "Rough poses": f"{entry.prior or entry.scans}",
         **assumed,
     }  # fmt: skip
-    localized = LocalizedDrive(read_rows(out), drive.point_map, drive.scans, drive.opener.drive, prior, reference)
-    write_drive_page(page, localized, f"{entry.scans.name} in {Path(entry.map).name}", facts)
-    far = [math.hypot(error.along, error.across) for error in localized.errors() if error is not None]
+    reported = ReportedDrive(read_rows(out), drive.point_map, drive.scans, drive.opener.drive, prior, reference)
+    write_drive_page(page, reported, f"{entry.scans.name} in {Path(entry.map).name}", facts)
+    far = [error.distance for error in reported.errors if error is not None]
     if far:
         typer.echo(
             f"from the reference: median {median(far):.3f} m, worst {max(far):.3f} m in x and y, {len(far)} scans"

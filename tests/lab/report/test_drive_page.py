@@ -15,7 +15,7 @@ from drawn_figures import HOSTILE, yard
 from maxcon.drive.localize import DriveOptions
 from maxcon.drive.poses_table import COVARIANCES
 from maxcon.export import PoseRow
-from maxcon.lab.report.drive_page import LocalizedDrive, worst_epochs, write_drive_page
+from maxcon.lab.report.drive_page import ReportedDrive, worst_epochs, write_drive_page
 from maxcon.scan.trajectory import Trajectory
 from opened_pages import assert_whole
 
@@ -44,7 +44,7 @@ def drive(tmp_path):
     ]  # fmt: skip
     truth = Trajectory.from_poses([0.5, 1.5, 2.5, 3.5], [TRUE] * 4)
     scans = maxcon.open_scans(tmp_path)
-    return LocalizedDrive(rows, point_map, scans, DriveOptions(), prior=truth, reference=truth)
+    return ReportedDrive(rows, point_map, scans, DriveOptions(), prior=truth, reference=truth)
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -44,7 +45,7 @@ SEEN = 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class LocalizedDrive:
+class ReportedDrive:
     """A drive that was localized, with what it was localized by; poses in global coordinates.
 
     rows: of POSES.csv, one for each scan, in order. prior: None if there was none. reference: poses held for true.
@@ -74,6 +75,7 @@ class LocalizedDrive:
         """A column of the table, shape (n,); NaN where it is empty."""
         return np.array([row.numbers.get(name, math.nan) for row in self.rows])
 
+    @cached_property
     def covariances(self) -> NDArray[np.float64]:
         """Covariances of x, y and heading, shape (n, 3, 3), axes of the map; NaN where there is none."""
         upper = np.full((len(self.rows), 6, 6), math.nan)
@@ -85,21 +87,22 @@ class LocalizedDrive:
         headings = np.array([math.nan if row.pose is None else row.pose.heading for row in self.rows])
         c, s, zero, one = np.cos(headings), np.sin(headings), 0.0 * headings, np.ones_like(headings)
         turns = np.array([[c, s, zero], [-s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
-        turned = turns @ self.covariances() @ turns.transpose(0, 2, 1)
+        turned = turns @ self.covariances @ turns.transpose(0, 2, 1)
         return np.asarray(np.sqrt(np.diagonal(turned, axis1=1, axis2=2)))
 
+    @cached_property
     def errors(self) -> list[PoseError | None]:
         """How far each answer is from the reference; None where one of both is missing."""
         pairs = [(self.answer(epoch), self.local(self.reference, epoch)) for epoch in range(len(self.rows))]
         return [None if ours is None or true is None else pose_error(ours, true) for ours, true in pairs]
 
 
-def write_drive_page(path: str | os.PathLike[str], drive: LocalizedDrive, title: str, facts: Mapping[str, str]) -> None:
+def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: str, facts: Mapping[str, str]) -> None:
     """Write the page of a drive as one HTML file.
 
     facts: what was assumed and searched, by name; shown on top. They should say where the map's sigma is from.
     """
-    errors, covariances, sigmas, rows = drive.errors(), drive.covariances(), drive.sigmas(), drive.rows
+    errors, covariances, sigmas, rows = drive.errors, drive.covariances, drive.sigmas(), drive.rows
     is_wrong = np.array([error is not None and not error.is_success for error in errors])
     is_localized = np.array([row.pose is not None for row in rows])
     levels = np.column_stack([drive.numbers(name) for name in PROTECTION_LEVELS])
@@ -212,7 +215,7 @@ def _signed(errors: Sequence[PoseError | None]) -> NDArray[np.float64]:
 # --- pictures --------------------------------------------------------------------------------------------------
 
 
-def _from_above(path: Path, drive: LocalizedDrive, covariances: NDArray[np.float64]) -> Picture:
+def _from_above(path: Path, drive: ReportedDrive, covariances: NDArray[np.float64]) -> Picture:
     from matplotlib.patches import Ellipse
 
     n_epochs = len(drive.rows)
@@ -263,7 +266,7 @@ def _timeline(
     return Picture.of("drive-timeline", path)
 
 
-def _epoch(path: Path, drive: LocalizedDrive, epoch: int) -> Picture:
+def _epoch(path: Path, drive: ReportedDrive, epoch: int) -> Picture:
     """The scan of an epoch on the map, at its prior and, if it is localized, at the answer."""
     row, name = drive.rows[epoch], drive.scans.name(epoch)
     prior, answer = drive.local(drive.prior, epoch), drive.answer(epoch)
