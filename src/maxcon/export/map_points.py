@@ -14,7 +14,7 @@ from maxcon._system.atomic import atomic_file
 from maxcon.errors import OptionError
 from maxcon.export.placed_scans import las_writer
 from maxcon.geometry import LocalFrame
-from maxcon.map.ground import GroundTile, ground_voxels
+from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import Manifest, read_manifest
 from maxcon.map.point_map import stored_ground, stored_tiles
 from maxcon.map.storage import open_storage
@@ -56,7 +56,8 @@ def export_map(
             if kind == 0:
                 found = _points_of_voxels(tiles.load(key), manifest.cell, frame)
             else:
-                found = _points_of_ground(ground.load(key), manifest.cell * ground_voxels(manifest.cell), frame)
+                heights = ground.load(key).points(manifest.cell * ground_voxels(manifest.cell))
+                found = _at(heights, frame, GROUND_CLASS)
             n_done[kind] += len(found)
             yield found
             if progress is not None:
@@ -81,13 +82,6 @@ def _points_of_voxels(tile: VoxelTile, cell: float, frame: LocalFrame) -> NDArra
     points["count"] = tile.counts
     points["change"] = 0 if tile.classes is None else tile.classes
     return points
-
-
-def _points_of_ground(tile: GroundTile, edge: float, frame: LocalFrame) -> NDArray[np.void]:
-    """edge: of a cell of the ground, m."""
-    columns, heights = tile.rows()
-    middles = (columns + 0.5 + np.array(tile.key) * tile.heights.shape[1]) * edge
-    return _at(np.column_stack([middles, heights]), frame, GROUND_CLASS)
 
 
 def _write_las(path: Path, points: Iterator[NDArray[np.void]], manifest: Manifest) -> None:

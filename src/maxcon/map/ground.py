@@ -39,6 +39,14 @@ class GroundTile:
         y, x, level = np.nonzero(np.isfinite(self.heights.transpose(1, 2, 0)))
         return np.column_stack([x, y]).astype(np.int16), self.heights[level, y, x]
 
+    def points(self, edge: float, at: tuple[float, float] = (0.5, 0.5)) -> NDArray[np.float64]:
+        """Return a point of each height, in the order of `rows`, shape (m, 3), local frame, m.
+
+        `edge`: of a cell, m; `at`: where in the cell it stands along x and y, in edges.
+        """
+        columns, heights = self.rows()
+        return np.column_stack([(columns + np.array(self.key) * self.heights.shape[1] + at) * edge, heights])
+
     @classmethod
     def from_rows(
         cls, key: TileKey, columns: NDArray[np.integer], heights: NDArray[np.floating], n: int

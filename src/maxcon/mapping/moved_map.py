@@ -17,7 +17,7 @@ from maxcon.errors import MapError
 from maxcon.geometry import LocalFrame
 from maxcon.io.clouds import Bounds, CloudChunk, CloudHeader, CloudReader
 from maxcon.map.ground import ground_voxels
-from maxcon.map.layout import NOT_SEARCHED, TILE_VOXELS
+from maxcon.map.layout import NOT_SEARCHED
 from maxcon.map.manifest import MAP_NAMES, Manifest, read_manifest, write_manifest
 from maxcon.map.point_map import stored_ground, stored_tiles
 from maxcon.map.storage import open_storage
@@ -52,15 +52,10 @@ class MovedMap(CloudReader):
             for first in range(0, len(tile), n_most):
                 some = tile.rows(np.arange(first, min(first + n_most, len(tile))))
                 yield self._chunk(*surface_points(some, self.manifest.cell), min(UNCLASSIFIED))
-        n_voxels = ground_voxels(self.manifest.cell)
-        edge, n_cells = n_voxels * self.manifest.cell, TILE_VOXELS // n_voxels
+        edge = ground_voxels(self.manifest.cell) * self.manifest.cell
         for key in sorted(self._ground.keys):
-            columns, heights = self._ground.load(key).rows()
-            parts = [
-                np.column_stack([(columns + np.array(key) * n_cells + part) * edge, heights])
-                for part in product((0.25, 0.75), repeat=2)
-            ]
-            points = np.concatenate(parts).astype(np.float64)
+            heights = self._ground.load(key)
+            points = np.concatenate([heights.points(edge, at) for at in product((0.25, 0.75), repeat=2)])
             yield self._chunk(points, np.zeros((len(points), 3)), min(GROUND))
 
     def _chunk(self, points: NDArray[np.float64], normals: NDArray[np.float64], number: int) -> CloudChunk:
