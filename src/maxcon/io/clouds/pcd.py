@@ -4,12 +4,14 @@
 
 import math
 import struct
+from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import needs_extra
+from maxcon.io.clouds.base import as_file_error
 from maxcon.io.clouds.records import RecordLayout, RecordReader, n_columns
 from maxcon.io.point_records import coordinate_fields, record_type
 
@@ -48,7 +50,18 @@ class PcdReader(RecordReader):
         _check_size(stream, layout)
         return layout
 
+    def _pieces(self, n_most: int) -> Iterator[Mapping[str, NDArray[Any]]]:
+        if self._layout.encoding != "binary_compressed":
+            yield from super()._pieces(n_most)
+            return
+        with as_file_error(self.header.path, self.kind), self.header.path.open("rb") as stream:
+            stream.seek(self._layout.start)
+            columns = self._unpacked(stream)
+        for start in range(0, self._layout.n_points, n_most):
+            yield {name: values[start : start + n_most] for name, values in columns.items()}
+
     def _unpacked(self, stream: BinaryIO) -> dict[str, NDArray[Any]]:
+        """All points of a compressed file, in columns by the names of their fields."""
         with needs_extra("pypcd4", f"to read compressed points in {self.header.path}", "pcd"):
             import lzf  # comes with pypcd4
         n_packed, n_unpacked = struct.unpack("<II", stream.read(8))

@@ -30,7 +30,7 @@ from maxcon.io.text import MAX_LINES, table_of, text_lines
 class RecordLayout(NamedTuple):
     """Where and how the points of a file are stored."""
 
-    encoding: str  # "ascii", or "binary", or another that the reader of the format unpacks
+    encoding: str  # "ascii", or "binary", or another, of which the reader of the format makes pieces itself
     start: int  # where rows begin, bytes
     n_points: int  # how many points there are
     dtype: np.dtype[np.void]  # of one point
@@ -67,10 +67,6 @@ class RecordReader(CloudReader):
     def _read_layout(self, stream: BinaryIO) -> RecordLayout:
         """Read the header, and check it against the size of the file; ValueError with what is there instead."""
 
-    def _unpacked(self, stream: BinaryIO) -> dict[str, NDArray[Any]]:
-        """Unpack all points of an encoding of its own, into columns by the names of their fields."""
-        raise NotImplementedError
-
     def records(self) -> NDArray[np.void]:
         """Return all points as records, shape (n,)."""
         found = np.empty(self._layout.n_points, self._layout.dtype)
@@ -98,17 +94,12 @@ class RecordReader(CloudReader):
         with as_file_error(file, self.kind), file.open("rb") as stream:
             stream.seek(layout.start)
             lines = text_lines(io.TextIOWrapper(stream, encoding="latin-1", newline="\n"))
-            unpacked: dict[str, NDArray[Any]] = {}
             if layout.encoding == "ascii":
                 n_most = min(n_most, MAX_LINES)
                 deque(islice(lines, layout.n_rows_before), maxlen=0)
-            elif layout.encoding != "binary":
-                unpacked = self._unpacked(stream)
             for start in range(0, layout.n_points, n_most):
                 n_rows = min(n_most, layout.n_points - start)
-                if unpacked:
-                    yield {name: values[start : start + n_rows] for name, values in unpacked.items()}
-                elif layout.encoding == "ascii":
+                if layout.encoding == "ascii":
                     yield _parsed(list(islice(lines, n_rows)), n_rows, layout.dtype)
                 else:
                     records: Any = np.fromfile(stream, layout.dtype, n_rows)
