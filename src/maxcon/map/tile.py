@@ -259,7 +259,8 @@ def _load_ahead(cache: "weakref.ref[TileCache[Any]]", key: TileKey) -> None:
             tiles._ahead.clear()
         raise
     finally:
-        tiles._ahead.pop(key, None)
+        with tiles._lock:
+            tiles._ahead.pop(key, None)
 
 
 TileSource: TypeAlias = TilesInMemory[TileT] | TileCache[TileT]

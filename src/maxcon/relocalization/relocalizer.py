@@ -31,10 +31,8 @@ from maxcon.search.accumulator import Multiplicity, SearchMethod, Weighting, che
 from maxcon.search.objectives import Helmert
 
 CELL = 0.96  # m, edge of large cells
-THINNING, HALF_THINNING = (
-    2.0,
-    1.0,
-)  # m, edges of the cubes of the thinned scan, in large cells and in half as large ones
+# Edges of the cubes of the thinned scan, in large cells and in half as large ones, m.
+THINNING, HALF_THINNING = 2.0, 1.0
 # Places that may reach this ratio to the best score are followed; less, where an answer is ambiguous from a lower ratio
 # on. For FOLLOWED, large cells that reach COARSE_RATIO of the highest count are kept, and half as large ones that reach
 # HALF_RATIO of theirs: true places reached these ratios.
