@@ -39,7 +39,7 @@ class GroundTile:
         y, x, level = np.nonzero(np.isfinite(self.heights.transpose(1, 2, 0)))
         return np.column_stack([x, y]).astype(np.int16), self.heights[level, y, x]
 
-    def points(self, edge: float, at: tuple[float, float] = (0.5, 0.5)) -> NDArray[np.float64]:
+    def points(self, edge: float, at: tuple[float, ...] = (0.5, 0.5)) -> NDArray[np.float64]:
         """Return a point of each height, in the order of `rows`, shape (m, 3), local frame, m.
 
         `edge`: of a cell, m; `at`: where in the cell it stands along x and y, in edges.
