@@ -12,6 +12,8 @@ an `Objective` of your own), a `Multiplicity` and a `Weighting`, given a `Scan` 
 Localize a drive: `localize_drive` with `DriveOptions` yields an `EpochEstimate` each; or a `Tracker` with its
 `TrackingOptions`, given each `Motion` with its `MotionNoise`, knows an `UncertainPose`.
 
+Live: a `LiveLocalizer` with `LiveOptions` takes what comes, and gives a `LiveAnswer` with `LiveCounts` for each scan.
+
 Without a prior: a `Relocalizer` finds a scan in a whole map; its `Relocalization` says what is known of other places.
 
 Look: `plot_epoch`, `plot_poses` and `plot_drive` write pictures. `search` has the searches themselves.
@@ -26,6 +28,8 @@ from maxcon._system.version import __version__
 
 if TYPE_CHECKING:
     from maxcon import search
+    from maxcon.drive.live import LiveAnswer, LiveLocalizer
+    from maxcon.drive.live_inbox import LiveCounts, LiveOptions
     from maxcon.drive.localize import DriveOptions, EpochEstimate, localize_drive
     from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
     from maxcon.drive.tracker import Tracker, TrackingOptions
@@ -55,6 +59,10 @@ __all__ = [
     "EpochEstimate",
     "Estimate",
     "Helmert",
+    "LiveAnswer",
+    "LiveCounts",
+    "LiveLocalizer",
+    "LiveOptions",
     "LocalFrame",
     "MaxEigenvalue",
     "MaxconError",
@@ -97,6 +105,10 @@ _HOME = {
     "EpochEstimate": "maxcon.drive.localize",
     "Estimate": "maxcon.estimate",
     "Helmert": "maxcon.search.objectives",
+    "LiveAnswer": "maxcon.drive.live",
+    "LiveCounts": "maxcon.drive.live_inbox",
+    "LiveLocalizer": "maxcon.drive.live",
+    "LiveOptions": "maxcon.drive.live_inbox",
     "LocalFrame": "maxcon.geometry",
     "MaxEigenvalue": "maxcon.search.objectives",
     "MaxconError": "maxcon.errors",

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from towns import HEIGHT, Town
 
 from maxcon import PointMap, Pose, Scan
 from maxcon.relocalization import coarse_filter
@@ -22,6 +21,7 @@ from maxcon.relocalization.coarse_filter import (
 from maxcon.relocalization.coarse_map import Area, CoarseMap
 from maxcon.relocalization.kernels import REGION
 from maxcon.relocalization.relocalizer import CELL, MOST_COARSE, SAME_COARSE, SAME_COARSE_DEG
+from towns import HEIGHT, Town
 
 FEW = HEADINGS[::15]
 T_GROUND_SENSOR = Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0)

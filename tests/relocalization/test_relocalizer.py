@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from towns import HEIGHT, Town, walls
 
 from maxcon import PointMap, Scan, Status, Trust
 from maxcon.errors import MapError, OptionError
@@ -14,6 +13,7 @@ from maxcon.lab.evaluation import pose_error
 from maxcon.relocalization import Relocalizer
 from maxcon.relocalization.coarse_map import CoarseMap
 from maxcon.relocalization.relocalizer import _words
+from towns import HEIGHT, Town, walls
 
 
 @pytest.fixture(scope="module")

@@ -151,23 +151,39 @@ def track_drive(
     motions = _motions(scans.times.tolist(), poses)
 
     def tracked(epoch: int) -> EpochEstimate:
-        own, motion = priors[epoch], motions[epoch]
-        if motion is not None:
-            tracker.move(motion)
-        expected = own if tracker.prediction is None else tracker.prediction.pose
-
-        def refused(scan: Scan) -> tuple[Status | None, str]:
-            status = status_without_search(point_map, scan, own, expected)
-            if status is None and motion is None:
-                return Status.NO_PRIOR, "the motion up to this scan is not known"
-            return status, NOTHING_KNOWN if status is Status.NO_PRIOR else ""
-
-        return _answered(
-            epoch, scans, options, own or expected, point_map, refused,
-            lambda scan: tracker.localize(scan, point_map, own),
-        )  # fmt: skip
+        read = read_epoch(scans, epoch, options)
+        return tracked_epoch(point_map, tracker, epoch, read, priors[epoch], motions[epoch])
 
     return map(tracked, range(len(scans)))
+
+
+def tracked_epoch(
+    point_map: PointMap,
+    tracker: Tracker,
+    epoch: int,
+    read: tuple[RawScan, str],
+    own: Pose | None,
+    motion: Motion | None,
+) -> EpochEstimate:
+    """Return the answer of a tracker for its next scan.
+
+    epoch, read: number of the scan; its points, or the reason why they cannot be read, as `read_epoch` returns them.
+    own: its prior, local frame, if there is one.
+    motion: since the last scan whose motion was known; None if it is not.
+    """
+    if motion is not None:
+        tracker.move(motion)
+    expected = own if tracker.prediction is None else tracker.prediction.pose
+
+    def refused(scan: Scan) -> tuple[Status | None, str]:
+        status = status_without_search(point_map, scan, own, expected)
+        if status is None and motion is None:
+            return Status.NO_PRIOR, "the motion up to this scan is not known"
+        return status, NOTHING_KNOWN if status is Status.NO_PRIOR else ""
+
+    return _answered(
+        epoch, read, own or expected, point_map, refused, lambda scan: tracker.localize(scan, point_map, own)
+    )
 
 
 def _motions(times: Sequence[float], poses: Sequence[Pose | None]) -> list[Motion | None]:
@@ -196,7 +212,7 @@ def relocalize_drive(
 
     def relocalized(epoch: int) -> EpochEstimate:
         told = _answered(
-            epoch, scans, options, None, relocalizer.map,
+            epoch, read_epoch(scans, epoch, options), None, relocalizer.map,
             lambda scan: (None if len(scan) else Status.NO_POINTS, ""), relocalizer.localize,
         )  # fmt: skip
         return replace(told, estimate=None) if told.status is Status.NO_MATCH else told
@@ -241,7 +257,8 @@ class Drive:
         def localized(scan: Scan) -> Estimate | None:
             return None if prior is None else self.method.localize(scan, self.point_map, prior)
 
-        return _answered(epoch, self.scans, self.options, prior, self.point_map, refused, localized)
+        read = read_epoch(self.scans, epoch, self.options)
+        return _answered(epoch, read, prior, self.point_map, refused, localized)
 
     def estimates(self, first: int, last: int, n_threads: int = 1) -> Iterator[EpochEstimate]:
         """Yield the answers for the epochs from `first` up to, not including, `last`, in order."""
@@ -257,19 +274,18 @@ class Drive:
 
 def _answered(
     epoch: int,
-    scans: Scans,
-    options: DriveOptions,
+    read: tuple[RawScan, str],
     prior: Pose | None,
     point_map: PointMap,
     refused: Callable[[Scan], tuple[Status | None, str]],
     localize: Callable[[Scan], Estimate | None],
 ) -> EpochEstimate:
-    """Read the scan of an epoch and return its answer, timed; global coordinates if it is localized.
+    """Return the answer for a scan as `read_epoch` returns it, timed; global coordinates if it is localized.
 
     `refused` says why a scan is not searched for, if so. A prior or points with numbers that no map can hold (z = 1e9
     m) get a status, and so does a track without a pose.
     """
-    raw, reason = read_epoch(scans, epoch, options)
+    raw, reason = read
     scan = scan_of(raw)
     status, reason = (Status.UNREADABLE, reason) if reason else refused(scan)
     if status is not None:

@@ -1,0 +1,290 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""LiveLocalizer: scans, odometry and positions go in as they come; a pose comes out for each scan."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from maxcon.drive.live_inbox import LiveCounts, LiveInbox, LiveOptions, Position, Taken, WaitingScan, pose_near
+from maxcon.drive.localize import DriveOptions, EpochEstimate, pose_or_none, tracked_epoch
+from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
+from maxcon.drive.tracker import Tracker
+from maxcon.errors import ArrayError, MapError, MaxconError, TrajectoryError
+from maxcon.estimate import Status
+from maxcon.geometry import Pose
+from maxcon.geometry.arrays import as_points
+from maxcon.io.point_records import CloudPoints, are_returns
+from maxcon.io.point_times import PointTimes
+from maxcon.io.raw_scan import RawScan, scan_within
+from maxcon.localizer import MaximumConsensus
+from maxcon.map import PointMap
+from maxcon.relocalization import Relocalizer
+from maxcon.scan.deskew import deskew
+from maxcon.scan.trajectory import Trajectory
+
+# A prior is moved on by the odometry for so long, and a position used for so long, s, by a vehicle of at most this
+# speed, m/s; beside so many of its sigmas it may be off by this, m.
+LONGEST_AGE, FASTEST, SIGMAS, ROOM = 2.0, 30.0, 3.0, 5.0
+# What is known of a place that was found without a prior, before it is tracked: x, y, z (m), roll, pitch and heading.
+START = np.diag(np.square([0.1, 0.1, 1.0, *np.radians([1.0, 1.0, 0.5])]))
+
+LOOK_EVERY = 0.005  # s between looks at whether a scan has waited long enough
+
+Circle = tuple[tuple[float, float], float]
+Read = tuple[RawScan, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveAnswer:
+    """The answer for a scan.
+
+    - epoch: pose, covariance, status and reason, as of a drive; its number counts the answers.
+    - T_map_odom: correction of the odometry, local frame, by the last scan that was localized; None before.
+    - counts: of scans so far.
+    """
+
+    epoch: EpochEstimate
+    T_map_odom: Pose | None
+    counts: LiveCounts
+
+
+class LiveLocalizer:
+    """Localizes scans as they come: it starts lost, tracks, doubts, and finds itself again.
+
+    `add_scan`, `add_odometry`, `add_prior` and `add_position` take what comes, in any order, from any thread; `answers`
+    yields an answer for each scan that need not wait any longer, the same as `track_drive` gives. Where there is
+    neither a track nor a prior, the map is searched without one: the whole, or around the last position.
+
+    Stamps are in s, of one clock for all. Where a method takes `now`, that is when it is called, s, of any clock that
+    does not jump: the machine's if not given.
+
+    - point_map: the map; with ground, if it is to be searched without a prior.
+    - method: how scans are compared with the map.
+    - noise: of the odometry; of priors, where they tell the motion.
+    - options: how messages are waited for.
+    - drive: which points are used, and the largest gap in odometry and priors.
+    """
+
+    def __init__(
+        self,
+        point_map: PointMap,
+        method: MaximumConsensus | None = None,
+        noise: MotionNoise | None = None,
+        options: LiveOptions | None = None,
+        *,
+        drive: DriveOptions | None = None,
+    ) -> None:
+        self.map, self.options, self.drive = point_map, options or LiveOptions(), drive or DriveOptions()
+        self._method, self._noise = method or MaximumConsensus(), noise or MotionNoise()
+        n_threads = self._method.n_threads
+        self._relocalizer = Relocalizer(point_map, n_threads=n_threads) if point_map.has_ground else None
+        self._inbox = LiveInbox(self.options)
+        self._n_restarts = 0
+        self._correction: Pose | None = None
+        self._begin()
+
+    def _begin(self, start: UncertainPose | None = None) -> None:
+        """Begin a track."""
+        self._tracker = Tracker(self._method, self._noise, start=start)
+        # Time and pose of the last scan whose motion was known, and whether by odometry.
+        self._before: tuple[float, Pose, bool] | None = None
+        self._n_without, self._n_outside = 1, 0  # scans in a row without a place; away from the positions
+
+    # --- what comes in ----------------------------------------------------------------------------------------
+
+    def add_scan(
+        self, time: float, points: ArrayLike, point_times: ArrayLike | None = None, *, now: float | None = None
+    ) -> None:
+        """Take a scan.
+
+        time: stamp, s.
+        points: shape (n, 3); sensor frame, m.
+        point_times: shape (n,); when each was measured, s after `time`, if the scan is to be deskewed by the odometry.
+
+        ArrayError if a shape is another, or a time is not finite.
+        """
+        found = as_points(points, "points")
+        kept = np.flatnonzero(are_returns(*found.T))
+        offsets = None if point_times is None else np.asarray(point_times, dtype=np.float64)
+        if not math.isfinite(time) or (offsets is not None and offsets.shape != (len(found),)):
+            got = f"time {time} and {None if offsets is None else offsets.shape} point_times"
+            raise ArrayError(f"Expected a finite time, and a time for each of {len(found)} points or none, got {got}.")
+        times = PointTimes(None if offsets is None else offsets[kept], "", "")
+        cloud = CloudPoints(found[kept], times, None, len(found), len(found) - len(kept), 0)
+        raw = scan_within(cloud, time, time, f"{time:.6f}", self.drive.min_range, self.drive.max_range)
+        end = time if raw.point_times is None else time + float(raw.point_times.max(initial=0.0))
+        self._inbox.add_scan(WaitingScan(time, end, clock.monotonic() if now is None else now, raw))
+
+    def add_odometry(self, time: float, T_odom_sensor: Pose) -> None:
+        """Take a pose of the odometry, in any frame, drifting; time in s."""
+        with self._inbox.changed:
+            self._inbox.odometry.add(time, T_odom_sensor)
+            self._inbox.changed.notify_all()
+
+    def add_prior(self, time: float, T_map_sensor: Pose) -> None:
+        """Take a rough pose, global coordinates in the CRS of the map; time in s."""
+        local = self.map.frame.pose_to_local(T_map_sensor)
+        with self._inbox.changed:
+            self._inbox.priors.add(time, local)
+            self._inbox.changed.notify_all()
+
+    def add_position(self, time: float, x: float, y: float, sigma: float) -> None:
+        """Take a position without a heading: time, s; x, y in the CRS of the map, and their standard deviation, m."""
+        x_low, y_low, _ = self.map.frame.origin
+        self._inbox.position = Position(time, x - x_low, y - y_low, sigma)
+
+    # --- what comes out ---------------------------------------------------------------------------------------
+
+    def answers(self, now: float | None = None) -> Iterator[LiveAnswer]:
+        """Yield the answers for all scans that need not wait any longer, in order of time."""
+        while (answer := self.answer(now)) is not None:
+            yield answer
+
+    @contextmanager
+    def working(self, tell: Callable[[LiveAnswer], None]) -> Iterator[threading.Thread]:
+        """While this is open, a thread calls `tell` with each answer; it ends where that raises something."""
+        ended = threading.Event()
+
+        def work() -> None:
+            while not ended.is_set():
+                for answer in self.answers():
+                    tell(answer)
+                with self._inbox.changed:
+                    self._inbox.changed.wait(LOOK_EVERY)
+
+        thread = threading.Thread(target=work, name="live", daemon=True)
+        thread.start()
+        try:
+            yield thread
+        finally:
+            ended.set()
+            thread.join()
+
+    def answer(self, now: float | None = None) -> LiveAnswer | None:
+        """Return the answer for the next scan; None if none waits, or the first one still has to."""
+        taken = self._inbox.take(clock.monotonic() if now is None else now)
+        if taken is None:
+            return None
+        if self._inbox.n_restarts != self._n_restarts:
+            self._n_restarts, self._correction = self._inbox.n_restarts, None
+            self._begin()
+        began = clock.perf_counter()
+        told = replace(self._localized(taken), milliseconds=1e3 * (clock.perf_counter() - began))
+        self._inbox.is_lost = told.pose_global is None
+        return LiveAnswer(told, self._correction, self._inbox.counts)
+
+    def _localized(self, taken: Taken) -> EpochEstimate:
+        """Track the scan; look for it without a prior where that gives no place."""
+        raw, (odometry, priors) = taken.scan.raw, (taken.odometry, taken.priors)
+        source = priors if odometry is None else odometry
+        pose = None if source is None else pose_near(source, raw.time, self.drive.max_gap)
+        motion = None if pose is None else self._motion(raw.time, pose, source, is_odometry=odometry is not None)
+        own = None if priors is None else self._prior_at(raw.time, priors, odometry)
+        read = self._deskewed(raw, source)
+        told = self._tracked(taken.number, read, own, motion)
+        circle = self._circle(taken.position, raw.time)
+        told = told if circle is None else self._doubted(told, circle)
+        self._n_without = 0 if told.pose_global is not None else self._n_without + 1
+        has_track = self._tracker.prediction is not None and motion is not None
+        is_due = not has_track or max(self._n_without, self._n_outside) % self.options.patience == 0
+        if told.pose_global is None and own is None and is_due and not read[1] and len(raw.points):
+            told = self._found(told, read, circle, motion)
+        if told.estimate is not None and told.pose_global is not None and pose is not None and odometry is not None:
+            self._correction = told.estimate.pose @ pose.inverse
+        return told
+
+    def _tracked(
+        self, number: int, read: tuple[RawScan, str], own: Pose | None, motion: Motion | None
+    ) -> EpochEstimate:
+        try:
+            return tracked_epoch(self.map, self._tracker, number, read, own, motion)
+        except MaxconError as error:  # a tile that cannot be read: others may be
+            return tracked_epoch(self.map, self._tracker, number, (read[0], str(error)), own, None)
+
+    def _motion(self, time: float, pose: Pose, source: Trajectory | None, *, is_odometry: bool) -> Motion:
+        """Motion since the last scan; that one's pose is looked up once more, for by now more may be known of it."""
+        if self._before is not None and self._before[2] is not is_odometry:
+            self._begin()
+        motion = Motion.none()
+        if self._before is not None and source is not None:
+            before, told, _ = self._before
+            motion = Motion.between(pose_or_none(source, before, self.drive.max_gap) or told, pose, time - before)
+        self._before = time, pose, is_odometry
+        return motion
+
+    def _prior_at(self, time: float, priors: Trajectory, odometry: Trajectory | None) -> Pose | None:
+        """The prior at a time (s); the last one before, moved on by the odometry, where that one is too old."""
+        pose = pose_or_none(priors, time, self.drive.max_gap)
+        if pose is not None or odometry is None:
+            return pose or pose_near(priors, time, self.drive.max_gap)
+        row = int(np.searchsorted(priors.times, time)) - 1
+        if row < 0 or time - float(priors.times[row]) > LONGEST_AGE:
+            return None
+        before, here = (pose_near(odometry, at, self.drive.max_gap) for at in (float(priors.times[row]), time))
+        return None if before is None or here is None else priors.pose(row) @ (before.inverse @ here)
+
+    def _deskewed(self, raw: RawScan, source: Trajectory | None) -> Read:
+        """The scan, deskewed where its points have times, or why it cannot be."""
+        if raw.point_times is None or not len(raw.points):
+            return raw, ""
+        if source is None:
+            return raw, "Expected odometry, to deskew the scan, got none so far."
+        try:
+            points = deskew(raw.points, raw.point_times + raw.time, source, raw.time, self.drive.max_gap)
+        except TrajectoryError as error:
+            return raw, str(error)
+        return replace(raw, points=points), ""
+
+    # --- doubts -----------------------------------------------------------------------------------------------
+
+    def _circle(self, position: Position | None, time: float) -> Circle | None:
+        """Middle and radius (m) of the circle in which the sensor is by the last position; None if there is none."""
+        if position is None or abs(position.time - time) > LONGEST_AGE:
+            return None
+        return (position.x, position.y), SIGMAS * position.sigma + ROOM + FASTEST * abs(position.time - time)
+
+    def _doubted(self, told: EpochEstimate, circle: Circle) -> EpochEstimate:
+        """The answer, but lost where it has been outside of the circle of the positions for too long."""
+        (x, y), radius = circle
+        place = None if told.estimate is None else told.estimate.pose
+        is_outside = place is not None and math.hypot(place.x - x, place.y - y) > radius
+        self._n_outside = self._n_outside + 1 if is_outside else 0
+        if self._n_outside < self.options.patience:
+            return told
+        return _lost(told, f"the last {self._n_outside} positions were more than {radius:.0f} m away")
+
+    def _found(self, told: EpochEstimate, read: Read, circle: Circle | None, motion: Motion | None) -> EpochEstimate:
+        """The answer with the place of the scan in the whole map or a circle, where a track begins."""
+        where = "the whole map" if circle is None else f"{circle[1]:.0f} m around the last position"
+        if self._relocalizer is None:
+            return _lost(told, "the map has no ground, to search it without a prior")
+        try:
+            estimate = (self._relocalizer if circle is None else self._relocalizer.within(*circle)).localize(told.scan)
+        except (MapError, ArrayError) as error:
+            return _lost(told, str(error))
+        if not estimate.is_localized:
+            return _lost(told, f"searched {where}: {'; '.join(filter(None, [estimate.status, estimate.reason]))}")
+        reason = f"found in {where}"
+        if motion is None:  # nothing to track with
+            pose = self.map.frame.pose_to_global(estimate.pose)
+            return replace(told, status=estimate.status, reason=reason, estimate=estimate, pose_global=pose)
+        before = self._before
+        self._begin(UncertainPose(estimate.pose, START))
+        self._before = before
+        begun = self._tracked(told.epoch, read, None, Motion.none())
+        return replace(begun, reason="; ".join(filter(None, [reason, begun.reason])))
+
+
+def _lost(told: EpochEstimate, why: str) -> EpochEstimate:
+    """The answer as one that may not be used."""
+    reason = "; ".join(filter(None, [told.reason, why]))
+    return replace(told, status=Status.LOST, reason=reason, pose_global=None)
