@@ -29,6 +29,7 @@ def without(monkeypatch):
         ("embreex", ("simulate", "OUT"), "demo"),
         ("matplotlib", ("localize", "MAP", "SCANS", "--prior", "PRIOR", "-o", "OUT", "--plot", "PICTURES"), "demo"),
         ("distributed", ("localize", "MAP", "SCANS", "-o", "OUT", "--scheduler", "tcp://127.0.0.1:8786"), "engine"),
+        ("cyclonedds", ("live", "MAP", "--ros2"), "ros2"),
         ("pyogrio", ("export", "POSES", "-o", "OUT.gpkg", "--map", "MAP"), "export"),
     ],
 )

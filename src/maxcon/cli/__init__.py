@@ -10,6 +10,7 @@ import typer
 from maxcon.cli import laboratory, maps, preparation
 from maxcon.cli.export import export
 from maxcon.cli.flags import GroupedCommand
+from maxcon.cli.live import live
 from maxcon.cli.localize import localize, relocalize
 from maxcon.cli.terminal import Stop, stopping_in_order, warn
 from maxcon.errors import MaxconError
@@ -29,6 +30,7 @@ app.add_typer(maps.app, name="map")
 app.add_typer(preparation.scans, name="scans")
 app.command(cls=GroupedCommand, short_help="Localize every scan of a drive in a map.")(localize)
 app.command(cls=GroupedCommand, short_help="Find scans in a map without any prior.")(relocalize)
+app.command(cls=GroupedCommand, short_help="Localize scans as they come by ROS 2.")(live)
 app.command(short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export)
 app.command(short_help="Simulate a city, its mapping and scans.")(laboratory.simulate)
 app.command(cls=GroupedCommand, short_help="Compare methods over the epochs of a dataset.")(laboratory.study)

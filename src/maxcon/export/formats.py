@@ -17,8 +17,8 @@ from maxcon.drive.poses_table import COVARIANCES
 from maxcon.errors import FileError, needs_extra
 from maxcon.export.pose_rows import PoseRow, bearing_deg, properties
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.crs import metric_crs, to_wgs84
+from maxcon.io.recordings.contents import position_and_turn
 from maxcon.io.recordings.recording import Entry, RecordingKind, header_of, write_recording
 from maxcon.io.trajectories import write_tum
 from maxcon.scan.trajectory import Trajectory
@@ -188,16 +188,10 @@ def _covariance(row: PoseRow) -> NDArray[np.float64]:
     return matrix + np.triu(matrix, 1).T
 
 
-def _position_and_turn(pose: Pose, names: tuple[str, str]) -> dict[str, dict[str, float]]:
-    turn = quaternions_from_angles(pose.roll, pose.pitch, pose.heading).ravel().tolist()
-    position = pose.position.tolist()
-    return {names[0]: dict(zip("xyz", position, strict=True)), names[1]: dict(zip("xyzw", turn, strict=True))}
-
-
 def _pose(row: PoseRow, pose: Pose) -> Entry:
     content = {
         "header": header_of(row.time, MAP_FRAME),
-        "pose": {"pose": _position_and_turn(pose, ("position", "orientation")), "covariance": _covariance(row).ravel()},
+        "pose": {"pose": position_and_turn(pose, ("position", "orientation")), "covariance": _covariance(row).ravel()},
     }
     return Entry(row.time, "/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", content)
 
@@ -206,7 +200,7 @@ def _transform(time: float, topic: str, parent: str, child: str, pose: Pose) -> 
     transform = {
         "header": header_of(time, parent),
         "child_frame_id": child,
-        "transform": _position_and_turn(pose, ("translation", "rotation")),
+        "transform": position_and_turn(pose, ("translation", "rotation")),
     }
     return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [transform]})
 

@@ -130,8 +130,8 @@ def _listed(topics: Sequence[Topic]) -> str:
 
 
 @cache
-def _types(encoding: str) -> Any:
-    """Types of ROS 1 or ROS 2, whose headers differ."""
+def message_types(encoding: str) -> Any:
+    """Return rosbags' store of types of ROS 1 (encoding ros1) or ROS 2 (cdr), whose headers differ."""
     from rosbags.typesys import Stores, get_typestore
 
     return with_added_types(get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE))
@@ -150,13 +150,19 @@ def with_added_types(store: Any) -> Any:
 def decode_message(message: Message) -> Any:
     """Return the content of a message, with the names of its definition as attributes; FileError if it is not ROS's."""
     if message.encoding == "cdr":
-        return _types("cdr").deserialize_cdr(message.data, message.type)
+        return message_types("cdr").deserialize_cdr(message.data, message.type)
     if message.encoding == "ros1":
-        return _types("ros1").deserialize_ros1(message.data, message.type)
+        return message_types("ros1").deserialize_ros1(message.data, message.type)
     raise FileError(
         f"Expected messages of {printable(message.topic)} in the encoding cdr or ros1, got {message.encoding!r}."
         " Record them with ROS, or convert the recording."
     )
+
+
+def encode_message(kind: str, content: dict[str, Any]) -> bytes:
+    """Return the bytes (cdr) of a message of ROS 2 from nested values; fields that are not given are 0."""
+    store = message_types("cdr")
+    return bytes(store.serialize_cdr(_built(store, kind, content), kind))
 
 
 def frame_name(text: str) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.io.crs import GeographicFrame
+from maxcon.io.recordings.contents import cloud_content
 from maxcon.io.recordings.recording import Entry, RecordingKind, write_recording
 from maxcon.io.scans import Scans
 from maxcon.io.trajectories import read_trajectory
@@ -55,19 +56,7 @@ def cloud_message(scans: Scans, i: int, topic: str = POINTS) -> Entry:
     columns = dict(zip("xyz", raw.points.T, strict=True))
     if raw.point_times is not None:
         columns["t"] = raw.point_times
-    rows = np.stack(list(columns.values()), axis=1).astype("<f4")
-    step = 4 * len(columns)
-    content = {
-        "height": 1,
-        "width": len(rows),
-        "fields": [dict(name=name, offset=4 * k, datatype=7, count=1) for k, name in enumerate(columns)],
-        "is_bigendian": False,
-        "point_step": step,
-        "row_step": step * len(rows),
-        "data": rows.ravel().view(np.uint8),
-        "is_dense": True,
-    }
-    return Entry(raw.time, topic, "sensor_msgs/msg/PointCloud2", content)
+    return Entry(raw.time, topic, "sensor_msgs/msg/PointCloud2", cloud_content(columns))
 
 
 def _fixes(prior: Trajectory, frame: GeographicFrame, sigma: float) -> list[Entry]:

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Topics of ROS 2 by DDS, without ROS: messages go in and out as the bytes that ROS puts on the wire."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from maxcon.errors import MaxconError, needs_extra
+from maxcon.io.recordings.recording import Message, decode_message, encode_message, message_types
+
+BLOCKED = 100_000_000  # ns that a writer waits at most for a reader that cannot follow
+DEPTH = 5  # messages of a topic that are kept for a reader
+
+
+def dds_names(topic: str, kind: str) -> tuple[str, str]:
+    """Return the names of a topic and of its type on the wire, of "/points" and "sensor_msgs/msg/PointCloud2"."""
+    package, folder, name = kind.split("/")
+    return "rt/" + topic.lstrip("/"), f"{package}::{folder}::dds_::{name}_"
+
+
+@cache
+def _type_of(kind: str) -> Any:
+    """The type of a message, by which DDS checks what it receives; its content stays as bytes, `packed`.
+
+    Turned into numbers one by one, half a megabyte of points would take 20 ms.
+    """
+    from cyclonedds import idl
+    from rosbags.interfaces import Nodetype
+
+    types: Any = idl.types
+
+    def hint(node: Any, what: Any) -> Any:
+        if node == Nodetype.NAME:
+            return _type_of(what)
+        if node == Nodetype.BASE:
+            return {"bool": bool, "string": str}.get(what[0]) or getattr(types, what[0])
+        item = hint(*what[0])
+        return types.array[item, what[1]] if node == Nodetype.ARRAY else types.sequence[item]
+
+    fields = {name: hint(*field) for name, field in message_types("cdr").fielddefs[kind][1]}
+    name = dds_names("", kind)[1].replace("::", ".")
+    made: Any = idl.make_idl_struct(name.rpartition(".")[2], name, fields, dataclassify=False)
+
+    def deserialize(data: bytes, **_: object) -> Any:
+        return _packed(made, data)
+
+    made.deserialize = made.deserialize_key = staticmethod(deserialize)
+    made.serialize = lambda message, **_: message.packed
+    return made
+
+
+def _packed(made: Any, data: bytes) -> Any:
+    message = made()
+    message.packed = data
+    return message
+
+
+class Ros2Wire:
+    """A participant of DDS; needs the extra `ros2`.
+
+    domain: as ROS_DOMAIN_ID.
+    """
+
+    def __init__(self, domain: int = 0) -> None:
+        with needs_extra("cyclonedds", "to speak with ROS 2", "ros2"):
+            from cyclonedds.core import DDSException, WaitSet
+            from cyclonedds.domain import DomainParticipant
+        with needs_extra("rosbags", "to speak with ROS 2", "ros2"):
+            message_types("cdr")
+        try:
+            self._participant = DomainParticipant(domain)
+        except DDSException as error:
+            raise MaxconError(
+                f"Expected to take part in domain {domain} by DDS, got: {error.msg}. Is there a network, and is"
+                " CYCLONEDDS_URI right?"
+            ) from error
+        self._waits = WaitSet(self._participant)
+        self._readers: list[tuple[Any, Any, str, str, Callable[[Any], None]]] = []
+
+    def subscribe(self, topic: str, kind: str, tell: Callable[[Any], None], *, is_latched: bool = False) -> None:
+        """Have `listen` call `tell` with each message, decoded; best effort, as sensors publish, if not latched."""
+        from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
+        from cyclonedds.sub import DataReader
+
+        reader = DataReader(self._participant, self._topic(topic, kind), _qos(is_latched, is_reliable=is_latched))
+        new = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
+        self._waits.attach(new)
+        self._readers.append((reader, new, topic, kind, tell))
+
+    def publisher(self, topic: str, kind: str, *, is_latched: bool = False) -> Callable[[dict[str, Any]], None]:
+        """Return a function that publishes a message of nested values, from any thread.
+
+        Reliable, so that readers of both kinds match; if latched, those that come later get the last message, too.
+        """
+        from cyclonedds.pub import DataWriter
+
+        made = self._topic(topic, kind)
+        writer = DataWriter(self._participant, made, _qos(is_latched, is_reliable=True))
+        return lambda content: writer.write(_packed(made.data_type, encode_message(kind, content)))
+
+    def listen(self, seconds: float) -> None:
+        """Hand on what has come, after waiting for so long at most; FileError where a message is broken."""
+        self._waits.wait(round(seconds * 1e9))
+        for reader, new, topic, kind, tell in self._readers:
+            for message in reader.take(N=DEPTH, condition=new):
+                if message.sample_info.valid_data:  # else it says that a writer has gone
+                    tell(decode_message(Message(topic, kind, "cdr", 0, message.packed)))
+
+    def _topic(self, topic: str, kind: str) -> Any:
+        from cyclonedds.topic import Topic
+
+        return Topic(self._participant, dds_names(topic, kind)[0], _type_of(kind))
+
+
+def _qos(is_latched: bool, *, is_reliable: bool) -> Any:
+    from cyclonedds.core import Policy, Qos
+
+    return Qos(
+        Policy.Reliability.Reliable(BLOCKED) if is_reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile,
+        Policy.History.KeepLast(1 if is_latched else DEPTH),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+    )

@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon live` in a process of its own: a drive is played to it over the loopback; it is killed, and starts again."""
+
+import math
+import os
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+import written_maps
+from maxcon import Pose
+from maxcon.io.recordings.contents import cloud_content, position_and_turn
+from maxcon.io.recordings.recording import header_of
+from towns import Town
+
+pytest.importorskip("cyclonedds")
+from maxcon.drive.ros2_node import CLOUD, DIAGNOSTICS, ODOMETRY, POSE, TRANSFORMS
+from maxcon.io.ros2_wire import Ros2Wire
+
+DOMAIN = 101 + os.getpid() % 100
+NOUGHT = np.zeros(36)
+STEP = Pose(0.3, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Player:
+    """Publishes a drive through a town, and keeps what the node publishes."""
+
+    def __init__(self, town):
+        self.town, self.pose, self.odometry = town, town.pose(-12.0, 12.0, 0.4), Pose(5.0, 6.0, 0.0, 0.0, 0.0, 1.0)
+        self.wire = Ros2Wire(DOMAIN)
+        self.truth, self.got = {}, {kind: [] for kind in (POSE, TRANSFORMS, DIAGNOSTICS, CLOUD)}
+        topics = ("/maxcon/pose", "/tf", "/diagnostics", "/maxcon/map")
+        for topic, (kind, got) in zip(topics, self.got.items(), strict=True):
+            self.wire.subscribe(topic, kind, got.append, is_latched=kind == CLOUD)
+        self.scans, self.poses = self.wire.publisher("/points", CLOUD), self.wire.publisher("/odom", ODOMETRY)
+
+    def play(self, is_enough, seconds=60.0):
+        """Drive on, a scan in 0.1 s, until something is true."""
+        end = time.monotonic() + seconds
+        while not is_enough() and time.monotonic() < end:
+            at, began = time.time(), time.monotonic()
+            self.pose, self.odometry = self.pose @ STEP, self.odometry @ STEP
+            self.truth[round(at, 3)] = self.pose
+            pose = position_and_turn(self.odometry, ("position", "orientation"))
+            twist = dict.fromkeys(("linear", "angular"), dict.fromkeys("xyz", 0.0))
+            parts = {"pose": {"pose": pose, "covariance": NOUGHT}, "twist": {"twist": twist, "covariance": NOUGHT}}
+            self.poses({"header": header_of(at, "odom"), "child_frame_id": "base", **parts})
+            points = self.town.scan(self.pose, len(self.truth)).points
+            self.scans({"header": header_of(at, "lidar"), **cloud_content(dict(zip("xyz", points.T, strict=True)))})
+            while time.monotonic() < began + 0.1:
+                self.wire.listen(0.02)
+        assert is_enough()
+
+
+@contextmanager
+def running(folder):
+    command = [
+        sys.executable,
+        "-m",
+        "maxcon",
+        "live",
+        str(folder),
+        "--ros2",
+        "--domain",
+        str(DOMAIN),
+        "--tf-ahead",
+        "0",
+    ]
+    process = subprocess.Popen(command)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait(60.0)
+
+
+def stamp(message):
+    return round(message.header.stamp.sec + message.header.stamp.nanosec / 1e9, 3)
+
+
+@pytest.mark.kills
+def test_a_drive_is_localized_by_a_node_that_is_killed_and_restarted(tmp_path):
+    town = Town(11)
+    written_maps.write(tmp_path / "town.map", town.map)
+    player = Player(town)
+    poses, corrections, told, maps = player.got.values()
+    with running(tmp_path / "town.map"):
+        player.play(lambda: len(poses) >= 10)
+    n_before = len(poses)
+    assert len(maps) == 1
+    with running(tmp_path / "town.map") as node:
+        player.play(lambda: len(poses) >= n_before + 5)
+        node.terminate()
+        assert node.wait(60.0) == 143
+    assert len(maps) == 2
+    for message in poses:
+        place, right = message.pose.pose.position, player.truth[stamp(message)]
+        assert math.dist((place.x, place.y, place.z), right.position) < 0.1
+        assert message.header.frame_id == "map"
+        assert 0.0 < message.pose.covariance[0] < 0.05**2
+    (correction,) = corrections[-1].transforms
+    assert (correction.header.frame_id, correction.child_frame_id) == ("map", "odom")
+    (status,) = told[-1].status
+    values = {pair.key: pair.value for pair in status.values}
+    assert values["map_origin"] == "458800.000 5429000.000 100.000"
+    assert status.message.startswith("localized")
+    assert int(values["n_answered"]) >= 5
+    assert len(np.frombuffer(maps[0].data, "<f4")) == 3 * maps[0].width > 3000
