@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""An objective of your own: a class with `score(moments)`, used without touching the package."""
+"""An objective of your own: a class with `score(moments)`, used without touching the package.
+
+It chooses the best cell; whether another place is as good is judged by Helmert's score, whatever the objective, so that
+a logarithm does as well. `maxcon study --methods own_objective:Determinant` compares its best cells with ours.
+"""
 
 import numpy as np
 from localize_one_scan import room

@@ -181,6 +181,10 @@ class CellSearch:
         reasons = reasons_to_doubt_scan(scan, best.prior)
         if self.multiplicity == Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches
             reasons += reasons_to_doubt_answer(best.moments)
+        if status is Status.AMBIGUOUS:
+            reasons.append(f"another place scores {best.runner_up:.2f} of it by Helmert's score")
+        elif status is Status.FEW_MATCHES:
+            reasons.append(f"{100.0 * share:.1f} % of the points match")
         return Estimate(best.pose, best.score, best.cell, status, cofactor, share, best.runner_up, "; ".join(reasons))
 
     @property

@@ -84,3 +84,38 @@ def test_study_and_report_say_what_they_did(described, maxcon, tmp_path):
     assert (ended.code, ended.err) == (0, "")
     assert ended.out.splitlines() == [str(page), f"figures      {tmp_path / 'page-figures'}"]
     assert "helmert-points-unweighted" in page.read_text()
+
+
+OWN = """
+import numpy as np
+
+class Determinant:
+    title = "Root of det N"
+    def score(self, moments):
+        nxx, nxy, nyy = (moments[..., channel].astype(float) for channel in (1, 2, 3))
+        return np.sqrt(np.maximum(0.0, nxx * nyy - nxy**2))
+"""
+
+
+def test_an_objective_of_one_s_own_is_compared_with_ours_alike_and_shown_first(
+    described, maxcon, refused, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own_scores.py").write_text(OWN)
+    word, out, page = "own_scores:Determinant", tmp_path / "study", tmp_path / "page.html"
+    refused(maxcon("study", described, "-o", out, "--methods", "own_scores:Other"), "'own_scores:Other'")
+    ended = maxcon("study", described, "-o", out, "--methods", word, *SMALL, "--epochs", "2", "--workers", "1")
+    assert (ended.code, ended.err) == (0, "")
+    names = ["Determinant-occupied", "count-occupied", "helmert-occupied", "max-eigenvalue-occupied"]
+    assert [line.split()[:2] for line in ended.out.splitlines()[2:6]] == [[name, "2/2"] for name in names]
+    assert ended.out.splitlines()[-1].endswith(f"-o report.html --objective {word}")
+    mine, *ours = Study.open(out).configuration.methods.values()
+    assert mine["method"]["objective"].pop("class") == "own_scores.Determinant"
+    for each in (mine, *ours):
+        del each["method"]["objective"]
+    assert all(each == mine for each in ours)
+    assert maxcon("report", out, "-o", page, "--objective", word).code == 0
+    drawn = tmp_path / "page-figures"
+    assert "Root of det N" in (drawn / "comparison.svg").read_text()
+    assert "Determinant-occupied" in (drawn / "distinctness-occupied.svg").read_text()
+    assert "adjusted to the map" not in page.read_text()

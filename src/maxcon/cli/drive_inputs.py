@@ -342,8 +342,10 @@ def parse_objective(word: str) -> Objective:
         raise
     except Exception as error:  # the user's own code may fail in any way
         raise OptionError(
-            f"Expected --objective {word!r} to name an objective in a module that can be imported, got"
+            f"Expected {word!r} to name an objective in a module that can be imported, got"
             f" {type(error).__name__}: {error}. Write it as package.module:Name."
         ) from error
     finally:
         sys.path.remove("")
+        if "" not in sys.path:
+            sys.path.append("")  # where workers look for it, too

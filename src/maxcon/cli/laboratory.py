@@ -174,8 +174,9 @@ class StudyOptions(OptionGroup, title="Inputs"):
     )
     methods: str | None = flag(
         None,
-        "Names of methods and sets (consensus, baselines, ground, weights, cells, density). Default:"
-        " consensus,baselines; without those whose packages are not installed.",
+        "Names of methods and sets (consensus, baselines, ground, weights, cells, density), and objectives of your own,"
+        " package.module:Name, each beside ours. Default: consensus,baselines; without those whose packages are not"
+        " installed.",
         metavar="LIST",
         rich_help_panel="Method",
     )
@@ -204,6 +205,7 @@ def study(
 
     Stopped or killed, the same command goes on; with other methods, priors or epochs it adds to the table.
     """
+    from maxcon.cli.drive_inputs import parse_objective
     from maxcon.drive.localize import DriveOptions
     from maxcon.lab.dataset import Dataset
     from maxcon.lab.study import DEFAULT_SETS, choose_methods, installed_methods, run_study
@@ -214,7 +216,8 @@ def study(
     searched = SearchSpace(space.half_width, cell, space.heading_half_width_deg, space.heading_step_deg)
     listed = what.methods
     names = DEFAULT_SETS if listed is None else [name.strip() for name in listed.split(",") if name.strip()]
-    chosen = choose_methods(names, searched)
+    objectives = {name: parse_objective(name) for name in names if ":" in name}
+    chosen = choose_methods(names, searched, objectives)
     if listed is None:
         chosen, missing = installed_methods(chosen)
         if missing:
@@ -232,7 +235,7 @@ def study(
             scheduler=worker.scheduler,
             warn=warn,
         )
-    _print_study(done)
+    _print_study(done, "".join(f" --objective {name}" for name in [*objectives][:1]))
 
 
 def _cell_of(map_path: Path | None) -> float:
@@ -246,8 +249,8 @@ def _cell_of(map_path: Path | None) -> float:
 _NO_ANSWER = ("unreadable scan", "failed", "no prior", "no points", "no match", "outside the map")
 
 
-def _print_study(done: "Study") -> None:
-    from maxcon.lab.study import rows_by_method, statistics
+def _print_study(done: "Study", drawn: str) -> None:
+    from maxcon.lab.study import refined_words, rows_by_method, statistics
 
     found = [statistics(rows) for rows in rows_by_method(done.table, tuple(done.configuration.methods))]
     width = max(len(method.method) for method in found)
@@ -260,7 +263,9 @@ def _print_study(done: "Study") -> None:
         if others:
             typer.echo(f"  {'':<{width}}   " + ", ".join(f"{n} {status}" for status, n in others.items()))
     typer.echo(f"{len(done.table):,} rows in {done.folder / 'table.parquet'}")
-    typer.echo(f"page         maxcon report {done.folder} -o report.html")
+    if words := refined_words(done.configuration.methods):
+        typer.echo(words)
+    typer.echo(f"page         maxcon report {done.folder} -o report.html{drawn}")
 
 
 def _numbers(method: "MethodStatistics") -> str:
@@ -283,16 +288,25 @@ class ReportOptions(OptionGroup):
     )
     dataset: Path | None = flag(None, "Where the dataset is now, if it was moved.", metavar="DATASET")
     prior: str | None = flag(None, "Prior that figures and claims are about. Default: the first.", metavar="NAME")
+    objective: str | None = flag(None, "Your own, drawn beside count and Helmert's score.", metavar="MODULE:NAME")
 
 
 @flags
 def report(what: ReportOptions, quiet: Quiet = False) -> None:
     """Write the page of a study: claims, tables and figures in one file. Needs the extra demo."""
+    from maxcon.cli.drive_inputs import parse_objective
     from maxcon.lab.report.study_report import report_study
 
+    objective = None if what.objective is None else parse_objective(what.objective)
     with step_bars(quiet) as tell:
         folder = report_study(
-            what.study, what.out, figures=what.figures, dataset=what.dataset, prior=what.prior, progress=tell
+            what.study,
+            what.out,
+            figures=what.figures,
+            dataset=what.dataset,
+            prior=what.prior,
+            objective=objective,
+            progress=tell,
         )
     typer.echo(f"{what.out}")
     typer.echo(f"figures      {folder}")

@@ -12,13 +12,16 @@ from maxcon.errors import OptionError
 from maxcon.lab.study import (
     DEFAULT_SETS,
     METHOD_SETS,
+    StudyMethod,
     choose_methods,
     installed_methods,
     known_methods,
+    refined_words,
     rows_by_method,
     statistics,
 )
 from maxcon.lab.study.methods import CELL, MAP_VARIANTS
+from maxcon.localizer import MaximumConsensus
 from maxcon.search.objectives import Count
 from maxcon.search.space import SearchSpace
 from study_tables import study_table
@@ -49,6 +52,20 @@ def test_names_and_sets_mix():
         choose_methods(["helmet"], SearchSpace.paper())
     with pytest.raises(OptionError, match="at least one method"):
         choose_methods([], SearchSpace.paper())
+
+
+def test_methods_that_adjust_the_pose_are_named_beside_best_cells():
+    space = SearchSpace.paper()
+    mine = choose_methods(["mine"], space, {"mine": Count()})
+    assert [method.name for method in mine][:2] == ["mine-occupied", "count-occupied"]
+
+    def words(*methods):
+        return refined_words({method.name: {"method": describe(method.method)} for method in methods})
+
+    own = StudyMethod("own", MaximumConsensus(space, objective=Count()))
+    maxcon, baseline = choose_methods(["maxcon", "icp-plane-1m"], space)
+    assert words(*mine, maxcon, baseline) == words(own, maxcon, baseline) == ""
+    assert words(*mine, own).startswith("own: adjusted to the map's surfaces")
 
 
 def test_a_description_tells_methods_apart():

@@ -4,7 +4,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -27,10 +27,10 @@ from maxcon.lab.study.run import check_parts, dataset_parts
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.plotting import plot_epoch
-from maxcon.plotting.score_panel import SearchSpaceView
+from maxcon.plotting.score_panel import SearchSpaceView, title_of
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
-from maxcon.search.objectives import Count, Helmert
+from maxcon.search.objectives import Count, Helmert, Objective
 from maxcon.search.space import SearchSpace
 
 # Errors of priors that are near, m: see `pick_epochs`.
@@ -86,6 +86,11 @@ class Scenes:
     point_map: PointMap
     method: MaximumConsensus
 
+    @property
+    def objective(self) -> Objective:
+        """What scores are drawn."""
+        return self.method.cell_search.objective
+
     def poses(self, epoch: int) -> tuple[Pose, Pose]:
         """Prior and reference of an epoch, local frame."""
         at, gap = float(self.bench.scans.times[epoch]), self.bench.options.max_gap
@@ -104,8 +109,8 @@ class Scenes:
         """Draw all headings of an epoch, and its scene (the paper's figure 2)."""
         scan, accumulator, estimate = self.search(epoch)
         plot_epoch(
-            path, accumulator=accumulator, objective=Helmert(), estimate=estimate, scan=scan, point_map=self.point_map,
-            title=title, reference=self.poses(epoch)[1],
+            path, accumulator=accumulator, objective=self.objective, estimate=estimate, scan=scan,
+            point_map=self.point_map, title=title, reference=self.poses(epoch)[1],
         )  # fmt: skip
 
     def row(self, label: str, epoch: int, views: Sequence[SearchSpaceView], scan: Scan) -> ComparisonRow:
@@ -114,7 +119,7 @@ class Scenes:
 
 
 class StudyScenes(Scenes):
-    """Epochs of a study; the method is the study's with Helmert's score, in its search space."""
+    """Epochs of a study; the method is the study's with Helmert's score, or the user's own, in its search space."""
 
     def overview(self, path: Path, epoch: int, helmert: MethodRows) -> Picture:
         """Draw the map, the scan, the consensus set and the search spaces along the drive (the paper's figure 3)."""
@@ -122,7 +127,7 @@ class StudyScenes(Scenes):
         others = [self.search(other)[1:] for other in self._neighbours(epoch, helmert)]
         plot_overview(
             path, point_map=self.point_map, scan=scan, estimate=estimate,
-            accumulator=accumulator, objective=Helmert(), others=others, title=f"Epoch {epoch} and its neighbours",
+            accumulator=accumulator, objective=self.objective, others=others, title=f"Epoch {epoch} and its neighbours",
         )  # fmt: skip
         return Picture.of("overview", path, epoch=epoch)
 
@@ -133,13 +138,14 @@ class StudyScenes(Scenes):
 
     def comparison(self, path: Path, epochs: Mapping[str, int]) -> Picture:
         """Draw crossing and street, and where the count fails, count beside Helmert (the paper's figure 4)."""
-        rows, words = [], []
+        rows, words, own = [], [], self.objective
+        objectives = [*(() if isinstance(own, Helmert) else (own,)), Count(), Helmert()]
         for label, epoch in epochs.items():
             scan, accumulator, _ = self.search(epoch)
-            views = (SearchSpaceView(accumulator, Count()), SearchSpaceView(accumulator, Helmert()))
+            views = [SearchSpaceView(accumulator, each) for each in objectives]
             rows.append(self.row(f"{label}, epoch {epoch}", epoch, views, scan))
             words.append(f"epoch {epoch}, {SHOWN_BECAUSE[label]}")
-        plot_comparison(path, rows, title="Count beside Helmert's score")
+        plot_comparison(path, rows, title=" beside ".join(title_of(each) for each in objectives))
         return Picture.of("comparison", path, rows="; ".join(words))
 
     def _neighbours(self, epoch: int, rows: MethodRows) -> list[int]:
@@ -163,7 +169,7 @@ def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) 
 
 
 def open_scenes(
-    study: Study, dataset: str | os.PathLike[str] | None, prior: str, notes: list[str]
+    study: Study, dataset: str | os.PathLike[str] | None, prior: str, notes: list[str], own: Objective | None = None
 ) -> StudyScenes | None:
     """Open the dataset of a study for its scenes; None, and a note, if it is missing or not the one studied.
 
@@ -171,9 +177,10 @@ def open_scenes(
     dataset: where the dataset is now; where it was if None.
     prior: name of the prior of the pictures.
     notes: what cannot be shown, and why, is added.
+    own: a user's objective, drawn beside ours.
     """
-    configuration = study.configuration
-    name = next((name for name in (HELMERT, "helmert-occupied") if name in configuration.methods), None)
+    configuration, names = study.configuration, (HELMERT, "helmert-occupied")
+    name = next((name for name in names[:: 1 if own is None else -1] if name in configuration.methods), None)
     space = space_of(configuration.methods, name or "")
     if name is None or space is None:
         notes.append("No scenes: the study has neither helmert-points nor helmert-occupied.")
@@ -196,7 +203,7 @@ def open_scenes(
         return None
     multiplicity = name.partition("-")[2]
     method = cast(MaximumConsensus, known_methods(space)[f"helmert-{multiplicity}"].method)
-    return StudyScenes(bench, prior, bench.maps[STANDARD], method)
+    return StudyScenes(bench, prior, bench.maps[STANDARD], method if own is None else replace(method, objective=own))
 
 
 def draw_scenes(

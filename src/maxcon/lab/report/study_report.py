@@ -22,9 +22,10 @@ from maxcon.lab.report import check_jinja2, write_page
 from maxcon.lab.report.study_certainty import certainty_of
 from maxcon.lab.report.study_pictures import draw_scenes, open_scenes, space_of
 from maxcon.lab.report.study_statistics import draw_statistics, own_methods
-from maxcon.lab.study import METHOD_SETS, MethodRows, MethodStatistics, Study, rows_by_method, statistics
+from maxcon.lab.study import METHOD_SETS, MethodRows, MethodStatistics, Study, refined_words, rows_by_method, statistics
 from maxcon.lab.study.bench import REFERENCE
 from maxcon.plotting.figure import check_matplotlib
+from maxcon.search.objectives import Objective
 from maxcon.search.space import SearchSpace
 
 FEW_EPOCHS = 50
@@ -56,6 +57,7 @@ def report_study(
     figures: str | os.PathLike[str] | None = None,
     dataset: str | os.PathLike[str] | None = None,
     prior: str | None = None,
+    objective: Objective | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Write the page of a study, and its figures beside it; return the folder of the figures.
@@ -65,6 +67,7 @@ def report_study(
     figures: folder for the figures, SVG; named after the page if None.
     dataset: where the dataset is now; where it was if None. Without it the scenes are left out, and the page says so.
     prior: the prior that figures and claims are about; the first of the study if None. Tables have all.
+    objective: the user's own, drawn beside count and Helmert's score.
     progress: called with (step, done, of how many).
     """
     check_matplotlib()
@@ -85,7 +88,7 @@ def report_study(
     sweep(folder)
     report = progress or (lambda step, done, total: None)
     notes = _cautions(study, methods)
-    scenes = open_scenes(study, dataset, prior, notes)
+    scenes = open_scenes(study, dataset, prior, notes, objective)
     report("drawing", 0, 2)
     drawn = [] if scenes is None else draw_scenes(folder, scenes, methods, notes)
     report("drawing", 1, 2)
@@ -119,9 +122,10 @@ def report_study(
 
 
 def _by_prior(study: Study) -> dict[str, dict[str, MethodRows]]:
-    """Rows by prior and by method: priors in the order they were studied, the reference last."""
+    """Rows by prior and by method: priors in the order they were studied, the reference last; own methods first."""
     found: dict[str, dict[str, MethodRows]] = {}
-    for rows in rows_by_method(study.table, tuple(study.configuration.methods)):
+    names = study.configuration.methods
+    for rows in rows_by_method(study.table, tuple(dict.fromkeys([*own_methods(names), *names]))):
         found.setdefault(rows.prior, {})[rows.method] = rows
     if not found:
         raise OptionError(
@@ -134,7 +138,7 @@ def _by_prior(study: Study) -> dict[str, dict[str, MethodRows]]:
 
 def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
     """Return notes of what weakens the verdicts: an unfinished study, few epochs, methods with different epochs."""
-    notes = []
+    notes = list(filter(None, [refined_words(study.configuration.methods)]))
     if any("n_rows" not in run for run in study.configuration.runs[-1:]):
         notes.append("This study is not finished, or was stopped: the same maxcon study command goes on.")
     n_epochs = {len(rows) for rows in methods.values()}

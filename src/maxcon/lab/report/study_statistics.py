@@ -3,7 +3,7 @@
 """Figures over all epochs of a study: how distinct answers are, success by the prior's error, errors."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +48,9 @@ def draw_statistics(folder: Path, methods: Mapping[str, MethodRows], point_map: 
     point_map: drawn below the trajectory, if given.
     """
     measured = {stem: pair for stem, pair in PAIRS.items() if _have(methods, pair, "kurtosis")}
-    pictures = [_distinctness(folder, methods, stem, pair) for stem, pair in measured.items()]
+    own = [name for name in own_methods(methods) if _have(methods, [name, *PAIRS["occupied"]], "kurtosis")]
+    groups = measured | ({"occupied": (*own[: MOST_SHOWN - 2], *PAIRS["occupied"])} if own else {})
+    pictures = [_distinctness(folder, methods, stem, group) for stem, group in groups.items()]
     placed = [stem for stem, pair in measured.items() if _have(methods, pair, "reference_x")]
     pictures += [_kurtosis(folder, methods, stem, PAIRS[stem], point_map) for stem in placed[:1]]
     shown = shown_methods(methods)
@@ -59,7 +61,7 @@ def draw_statistics(folder: Path, methods: Mapping[str, MethodRows], point_map: 
     return pictures
 
 
-def own_methods(methods: Mapping[str, MethodRows]) -> list[str]:
+def own_methods(methods: Iterable[str]) -> list[str]:
     """Names of the methods that are the user's own."""
     known = known_methods(SearchSpace.paper())
     return [name for name in methods if name not in known]
@@ -95,7 +97,9 @@ def _column(rows: MethodRows, name: str, epochs: Floats) -> Floats:
 def _distinctness(folder: Path, methods: Mapping[str, MethodRows], stem: str, pair: Sequence[str]) -> Picture:
     epochs, path = common_epochs(methods, pair), folder / f"distinctness-{stem}.svg"
     words = "as published" if stem == "points" else "by our defaults"
-    values = {NAMES[name]: {field: _column(methods[name], field, epochs) for field in MEASURES} for name in pair}
+    values = {
+        NAMES.get(name, name): {field: _column(methods[name], field, epochs) for field in MEASURES} for name in pair
+    }
     plot_distinctness(path, values, title=f"How distinct the answers are: {words}")
     return Picture.of("distinctness", path, words=words, guard=GUARD_RADIUS)
 

@@ -9,6 +9,7 @@ from maxcon.lab.study.methods import (
     choose_methods,
     installed_methods,
     known_methods,
+    refined_words,
 )
 from maxcon.lab.study.run import Study, run_study
 from maxcon.lab.study.table import COLUMNS, MethodRows, MethodStatistics, rows_by_method, statistics
@@ -24,6 +25,7 @@ __all__ = [
     "choose_methods",
     "installed_methods",
     "known_methods",
+    "refined_words",
     "rows_by_method",
     "run_study",
     "statistics",

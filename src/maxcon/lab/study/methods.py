@@ -3,7 +3,7 @@
 """Methods of a study by name, and the variants of the map they are given."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from maxcon.errors import MissingExtraError, OptionError
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart, check_small_gicp
 from maxcon.lab.dataset import Dataset
 from maxcon.localizer import MaximumConsensus
-from maxcon.search.objectives import OBJECTIVES, Count, MaxEigenvalue
+from maxcon.search.objectives import OBJECTIVES, Count, MaxEigenvalue, Objective
 from maxcon.search.space import SearchSpace
 
 STANDARD = "standard"
@@ -133,11 +133,21 @@ def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
     return {method.name: method for method in found}
 
 
-def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod]:
-    """Return the methods of names, and of names of sets, each once, in their order; OptionError for another name."""
+def choose_methods(
+    names: Sequence[str], space: SearchSpace, objectives: Mapping[str, Objective] | None = None
+) -> list[StudyMethod]:
+    """Return the methods of names, and of names of sets, each once, in their order; OptionError for another name.
+
+    `objectives`: of your own, by name: "mine" stands for `mine-occupied`, its best cells, beside those of ours with all
+    else alike.
+    """
+    own = objectives or {}
     known = known_methods(space)
     chosen: dict[str, StudyMethod] = {}
     for name in names:
+        if name in own:
+            chosen.update({one.name: one for one in _beside_ours(name.rpartition(":")[2], own[name], space)})
+            continue
         if name not in known and name not in METHOD_SETS:
             near = difflib.get_close_matches(name, [*known, *METHOD_SETS], n=3, cutoff=0.4)
             raise OptionError(
@@ -148,6 +158,25 @@ def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod
     if not chosen:
         raise OptionError(f"Expected at least one method, got none. Sets are {', '.join(METHOD_SETS)}.")
     return list(chosen.values())
+
+
+def _beside_ours(name: str, objective: Objective, space: SearchSpace) -> list[StudyMethod]:
+    """NAME-occupied, the best cells of an objective of one's own, and those of ours, with all else alike."""
+    known = known_methods(space)
+    method = MaximumConsensus(space, objective=objective, multiplicity="occupied", **CELL_ONLY)
+    return [StudyMethod(f"{name}-occupied", method), *(known[f"{each.name}-occupied"] for each in OBJECTIVES)]
+
+
+def refined_words(described: Mapping[str, dict[str, Any]]) -> str:
+    """Which of a user's methods, described as in a study, adjust the pose where ours of that study do not."""
+    refines = {name: one["method"].get("refinement") for name, one in described.items() if name != "maxcon"}
+    refined = [name for name, does in refines.items() if does]
+    if not refined or False not in refines.values():
+        return ""
+    return (
+        f"{', '.join(refined)}: adjusted to the map's surfaces after the search, which best cells alone are not."
+        " Compare it with maxcon; or its objective with ours: maxcon study --methods package.module:Name"
+    )
 
 
 def installed_methods(methods: Sequence[StudyMethod]) -> tuple[list[StudyMethod], list[str]]:
