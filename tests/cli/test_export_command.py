@@ -37,7 +37,7 @@ def test_what_cannot_be_exported_is_one_line(maxcon, refused, poses, drive, tmp_
     refused(maxcon("export", drive.dataset.prior, "-o", tmp_path / "b.tum"), "POSES.csv")
     refused(maxcon("export", tmp_path, "-o", tmp_path / "b.kml"), "--drives", str(tmp_path))
     moved = tmp_path / "moved.csv"
-    moved.write_text(re.sub(r"(?m)^([\d.]+),5", r"\1,9", poses.read_text()))  # x from 550 km to 950 km
+    moved.write_text(re.sub(r"(?m)^([\d.]+,\d,[^,]+),5", r"\1,9", poses.read_text()))  # x from 550 km to 950 km
     ended = maxcon("export", moved, "-o", tmp_path / "b.kml", "--map", drive.city)
     refused(ended, "the map in which", "4 of its 4 poses")
     assert not list(tmp_path.glob("b.*"))

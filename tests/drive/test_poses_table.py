@@ -67,13 +67,21 @@ def test_columns_and_text(path):
     write_poses(path, [made_epoch(0)])
     header, row = path.read_text().splitlines()
     assert header.split(",") == list(COLUMNS)
-    assert header.startswith("time,x,y,z,roll,pitch,heading,score,status,ms,protection_along,protection_across,cov_x_x")
-    assert header.endswith("cov_pitch_heading,cov_heading_heading,reason")
-    assert len(COLUMNS) == 10 + 2 + 21 + 1
-    assert row == (
-        "386400.123456789,549936.5193,5801960.0921,62.0056,"
-        "0.001234568,-0.004494209,3.043043369,256.077,localized,12.35," + 23 * ","
+    assert header.startswith("time,epoch,scan,x,y,z,roll,pitch,heading,score,status,ms,shift_x,shift_y,shift_z,")
+    assert header.endswith("cov_pitch_heading,cov_heading_heading,crs,reason")
+    assert len(COLUMNS) == 12 + 4 + 4 + 2 + 21 + 2
+    assert row.startswith(
+        "386400.123456789,0,000000.bin,549936.5193,5801960.0921,62.0056,"
+        "0.001234568,-0.004494209,3.043043369,256.077,localized,12.35,"
     )
+    assert row.endswith(33 * ",")
+    epoch = made_epoch(0)
+    epoch = replace(epoch, crs="EPSG:25832", prior=epoch.estimate.pose.translated([1.0, -2.0, 0.5]))
+    write_poses(path, [replace(epoch, estimate=replace(epoch.estimate, covariance=np.diag([4.0, 9, 16, 1, 1, 0.25])))])
+    (found,) = rows_of(path)
+    names = ("shift_x", "shift_y", "shift_z", "shift_heading_deg", "sigma_x", "sigma_y", "sigma_z", "sigma_heading_deg")
+    assert [float(found[name]) for name in names] == [-1.0, 2.0, -0.5, 0.0, 2.0, 3.0, 4.0, 28.6479]
+    assert found["crs"] == "EPSG:25832"
 
 
 def test_the_covariance_is_written_as_its_upper_triangle(path):
@@ -91,7 +99,7 @@ def test_only_localized_epochs_have_a_pose(path):
     write_poses(path, [made_epoch(number, status) for number, status in enumerate(Status)])
     for row, status in zip(rows_of(path), Status, strict=True):
         assert row["status"] == status.value
-        assert {row[name] != "" for name in COLUMNS[1:7]} == {status is Status.LOCALIZED}
+        assert {row[name] != "" for name in COLUMNS[3:9]} == {status is Status.LOCALIZED}
         assert (row["score"] != "") == (status not in (Status.NO_PRIOR, Status.NO_POINTS, Status.OUTSIDE_MAP))
 
 
@@ -184,7 +192,6 @@ def test_rows_are_those_of_the_table_of_poses_before_rounding(tmp_path, path):
     assert found[0][COVARIANCES[0]] == (SOME.T @ SOME)[0, 0]
     assert found[1]["x"] is None and found[1]["score"] == 256.0771 and found[1]["reason"] == "a reason"
     for numbers, cells in zip(found, rows, strict=True):
-        del numbers["epoch"]
         rounded = {name: "" if value is None else format(value, FORMATS[name]) for name, value in numbers.items()}
         assert rounded == cells
 

@@ -34,7 +34,7 @@ POSES = [
 def rows_of_a_drive():
     """Cells of three epochs, the second of which is not localized."""
     for number, pose in enumerate(POSES):
-        row = {"time": 10.0 + number, "ms": 5.0, "status": "ambiguous", "reason": "two, alike"}
+        row = {"time": 10.0 + number, "epoch": number, "ms": 5.0, "status": "ambiguous", "reason": "two, alike"}
         if pose is not None:
             row |= {name: getattr(pose, name) for name in ("x", "y", "z", "roll", "pitch", "heading")}
             row |= {name: 0.0001 if name[4:5] == name[-1:] else 0.0 for name in COVARIANCES}
@@ -59,8 +59,7 @@ def parquet(tmp_path):
     """The same rows as the Parquet file of a drive."""
     path = tmp_path / "drive=monday" / "poses.parquet"
     path.parent.mkdir()
-    rows = [row | {"epoch": number} for number, row in enumerate(rows_of_a_drive())]
-    pq.write_table(pyarrow.Table.from_pylist(rows, schema=poses_schema()), path)
+    pq.write_table(pyarrow.Table.from_pylist([*rows_of_a_drive()], schema=poses_schema()), path)
     return path
 
 

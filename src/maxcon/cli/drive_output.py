@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from maxcon._system.atomic import check_folder, check_writable, make_folder, sweep
 from maxcon._system.engine import Engine
 from maxcon.cli.drive_inputs import DriveOpener, OpenedDrive
-from maxcon.cli.map_words import sigma_words
+from maxcon.cli.map_words import assumed_words, sigma_words
 from maxcon.cli.options import TableOptions
 from maxcon.cli.terminal import Stop, compiling_told, step_bars
 from maxcon.drive.diagnosis import alternative_that_fits, heights_in_words
@@ -179,7 +179,7 @@ class TableOfDrive:
         else:
             write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
 
-    def print_summary(self, searched: str, left_out: tuple[str, ...] = ()) -> None:
+    def print_summary(self, map_: Path | str, searched: str, left_out: tuple[str, ...] = ()) -> None:
         """Say how many epochs are localized, in which time and searched where, and why the others are not.
 
         left_out: what is wrong with rows of the prior that are no poses.
@@ -206,17 +206,18 @@ class TableOfDrive:
             typer.echo(f"the track begins with epoch {epochs[first].epoch}: before, its place was not known")
         if left_out:
             typer.echo(f"{len(left_out)} rows of the prior are left out; the first: {left_out[0]}")
-        if searched:
-            typer.echo(searched)
+        for words in filter(None, (searched, assumed_words(read_manifest(map_)))):
+            typer.echo(words)
         n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
         n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
         n_repeated = sum(epoch.raw.n_dropped_duplicates for epoch in epochs)
         if n_invalid or n_out_of_range or n_repeated:
             repeated = f", {n_repeated:,} that come twice" if n_repeated else ""
             typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range{repeated}")
-        n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
-        if n_widened:
-            typer.echo(f"{n_widened} {'was' if n_widened == 1 else 'were'} in doubt and searched for farther around")
+        widened = [epoch.epoch for epoch in epochs if epoch.estimate is not None and epoch.estimate.was_widened]
+        if n := len(widened):
+            named = f"epoch{'s' * (n > 1)} {', '.join(map(str, widened[:5]))}{', ...' if n > 5 else ''}"
+            typer.echo(f"{n} {'was' if n == 1 else 'were'} in doubt and searched for farther around: {named}")
         for status, number in sorted(others.items()):
             typer.echo(f"{number} {status.value}: {status.explanation}")
         doubtful = [epoch for epoch in epochs if epoch.reason]

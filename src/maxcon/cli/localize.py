@@ -162,7 +162,7 @@ def localize(
     for line in drive.words:
         typer.echo(line)
     searched = drive_output.searched_words(drive, localized.epochs)
-    localized.print_summary(searched, drive.prior.left_out)
+    localized.print_summary(drive.entry.map, searched, drive.prior.left_out)
     if not there.n_localized:
         drive_output.print_alternative(drive, localized.epochs)
     localized.write_tum()
@@ -279,6 +279,6 @@ def relocalize(
     localized = drive_output.TableOfDrive(out, table, opened.times)
     localized.write(relocalize_drive(opened, relocalizer, options, first=localized.there.n_rows), quiet)
     where = "the whole map" if circle.around is None else f"{radius:g} m around {circle.around}"
-    localized.print_summary(f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells")
+    localized.print_summary(files.map_folder, f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells")
     localized.write_tum()
     localized.end()

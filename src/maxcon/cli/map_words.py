@@ -118,6 +118,13 @@ def sigma_words(manifest: Manifest) -> str:
     return f"{manifest.sigma:g} m, {words.get(known['from'], known['from'])}"
 
 
+def assumed_words(manifest: Manifest) -> str:
+    """A warning that a map's sigma is assumed, as every covariance contains it; nothing if it is known."""
+    if manifest.build.get("sigma", {}).get("from") != "assumed":
+        return ""
+    return f"each covariance contains {manifest.sigma:g} m that are only assumed of the map (map build --sigma)"
+
+
 def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
     """What was taken of a cloud and what not."""
 

@@ -17,6 +17,7 @@ from maxcon.drive.motion import Motion
 from maxcon.errors import ArrayError, FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
+from maxcon.io.crs import crs_code
 from maxcon.io.scans import RawScan, Scans, check_range
 from maxcon.map import PointMap
 from maxcon.scan import Scan
@@ -72,6 +73,7 @@ class EpochEstimate:
     estimate: local frame; None where nothing was searched.
     pose_global: the pose in global coordinates; None unless localized.
     reason: why there is no answer, or what casts doubt on it, where the status does not say all.
+    crs: of the global pose, EPSG:25832 or the like; empty where it is not known.
     """
 
     epoch: int
@@ -83,6 +85,7 @@ class EpochEstimate:
     estimate: Estimate | None = None
     pose_global: Pose | None = None
     reason: str = ""
+    crs: str = ""
 
     def without_points(self) -> EpochEstimate:
         """Return the same answer without the points, to keep over a long drive."""
@@ -299,7 +302,8 @@ def _answered(
     if estimate is None:
         return EpochEstimate(epoch, raw, Status.NO_PRIOR, milliseconds, scan, prior, reason=NOTHING_KNOWN)
     pose = point_map.frame.pose_to_global(estimate.pose) if estimate.is_localized else None
-    return EpochEstimate(epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.reason)
+    crs = crs_code(point_map.frame.crs)
+    return EpochEstimate(epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.reason, crs)
 
 
 def failed_epoch(epoch: int, scans: Scans, reason: str) -> EpochEstimate:

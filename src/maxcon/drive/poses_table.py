@@ -25,6 +25,7 @@ from maxcon._system.resumable import ResumableTable, differences
 from maxcon.drive.localize import EpochEstimate
 from maxcon.errors import FileError, OptionError
 from maxcon.estimate import Status
+from maxcon.geometry import wrap_angle
 from maxcon.map.manifest import MANIFEST, MAX_MANIFEST_BYTES
 from maxcon.map.storage import address_of, open_storage
 from maxcon.scan.trajectory import Trajectory
@@ -35,10 +36,14 @@ if TYPE_CHECKING:
 UNKNOWNS = ("x", "y", "z", "roll", "pitch", "heading")
 COVARIANCES = tuple(f"cov_{UNKNOWNS[row]}_{UNKNOWNS[column]}" for row in range(6) for column in range(row, 6))
 PROTECTION_LEVELS = ("protection_along", "protection_across")
+SHIFTS = ("shift_x", "shift_y", "shift_z", "shift_heading_deg")
+SIGMAS = ("sigma_x", "sigma_y", "sigma_z", "sigma_heading_deg")
 FORMATS = {
-    "time": ".9f", "x": ".4f", "y": ".4f", "z": ".4f", "roll": ".9f", "pitch": ".9f", "heading": ".9f",
-    "score": ".6g", "status": "", "ms": ".2f", **dict.fromkeys(PROTECTION_LEVELS, ".4f"),
-    **dict.fromkeys(COVARIANCES, ".6g"), "reason": "",
+    "time": ".9f", "epoch": "d", "scan": "", "x": ".4f", "y": ".4f", "z": ".4f",
+    "roll": ".9f", "pitch": ".9f", "heading": ".9f",
+    "score": ".6g", "status": "", "ms": ".2f",
+    **dict.fromkeys((*SHIFTS, *SIGMAS, *PROTECTION_LEVELS), ".4f"), **dict.fromkeys(COVARIANCES, ".6g"), "crs": "",
+    "reason": "",
 }  # fmt: skip
 """The columns, and how their numbers are rounded in POSES.csv: tenths of a millimetre, nanoradians; none of texts."""
 COLUMNS = tuple(FORMATS)
@@ -48,16 +53,21 @@ LARGEST_HASHED = 2**26  # bytes; larger files (recordings) are known by path and
 
 def pose_values(epoch: EpochEstimate) -> dict[str, Any]:
     """Return what is known of an epoch, by the names of the columns, not rounded; a column left out has no value."""
-    values: dict[str, Any] = {"time": epoch.raw.time, "status": epoch.status.value}
-    values |= {"ms": epoch.milliseconds, "reason": " ".join(epoch.reason.split())}
+    values: dict[str, Any] = {"time": epoch.raw.time, "epoch": epoch.epoch, "scan": epoch.raw.name}
+    values |= {"status": epoch.status.value, "ms": epoch.milliseconds, "reason": " ".join(epoch.reason.split())}
     if epoch.estimate is not None:
         values["score"] = epoch.estimate.score
     if epoch.pose_global is None or epoch.estimate is None:
         return values
-    values |= {name: getattr(epoch.pose_global, name) for name in UNKNOWNS}
+    values |= {name: getattr(epoch.pose_global, name) for name in UNKNOWNS} | {"crs": epoch.crs}
+    if epoch.prior is not None:
+        x, y, z, *_, turn = epoch.estimate.pose.values - epoch.prior.values
+        values |= dict(zip(SHIFTS, (x, y, z, math.degrees(wrap_angle(turn))), strict=True))
     covariance = epoch.estimate.covariance[np.triu_indices(6)]
     if np.isfinite(covariance).all():
         values |= dict(zip(COVARIANCES, covariance.tolist(), strict=True))
+        *sigmas, turn = np.sqrt(np.diagonal(epoch.estimate.covariance))[[0, 1, 2, 5]].tolist()
+        values |= dict(zip(SIGMAS, (*sigmas, math.degrees(turn)), strict=True))
         levels = zip(PROTECTION_LEVELS, epoch.estimate.protection_level, strict=True)
         values |= {name: level for name, level in levels if math.isfinite(level)}
     return values
@@ -75,7 +85,8 @@ def localized_trajectory(epochs: Sequence[EpochEstimate]) -> Trajectory | None:
 def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -> None:
     """Write time (s), pose (global, m, rad), score, status and milliseconds of every epoch, and how sure it is.
 
-    That is the protection level along and across the heading, m, and the upper triangle of the covariance of x, y, z,
+    Names that end in `_deg` are degrees. A shift is the answer less its prior. How sure: standard deviations, the
+    protection level along and across the heading, m, and the upper triangle of the covariance of x, y, z,
     roll, pitch and heading, row by row, axes of the CRS, m^2, m rad and rad^2. Pose, level and covariance are empty
     unless the status is "localized": a row cannot be mistaken for a pose. The reason is empty where the status says
     all. FileError if it cannot be written.
@@ -194,11 +205,11 @@ class GrowingTable(AbstractContextManager["GrowingTable"]):
 
 
 def poses_schema() -> "pyarrow.Schema":
-    """Arrow schema of the poses: the columns of POSES.csv, and the number of the epoch before them."""
+    """Arrow schema of the poses: the columns of POSES.csv."""
     import pyarrow
 
     kinds = {name: pyarrow.float64() if digits else pyarrow.string() for name, digits in FORMATS.items()}
-    return pyarrow.schema({"epoch": pyarrow.int32(), **kinds})
+    return pyarrow.schema(kinds | {"epoch": pyarrow.int32()})
 
 
 class PosesDataset:
@@ -227,7 +238,7 @@ class PosesDataset:
 
     def add(self, name: str, epochs: Sequence[EpochEstimate]) -> None:
         """Write rows of a drive that is not done yet; FileError if they cannot be written."""
-        self.table(name).add([{"epoch": epoch.epoch, **pose_values(epoch)} for epoch in epochs])
+        self.table(name).add([pose_values(epoch) for epoch in epochs])
 
     def rows(self, name: str) -> "pyarrow.Table":
         """Return the rows of a drive that have been written, done or not, by epoch; FileError if a file is broken."""

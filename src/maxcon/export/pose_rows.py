@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from maxcon._system.regular_file import check_regular
-from maxcon.drive.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
+from maxcon.drive.poses_table import COLUMNS, FORMATS, UNKNOWNS
 from maxcon.geometry import Pose
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.text import parse_float, read_pose_table
 
 PARQUET = ".parquet"
-WORDS = ("status", "reason")
+WORDS = ("status", "reason", "scan", "crs")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +30,10 @@ class PoseRow:
     # status, reason: in words
     status: str
     reason: str
-    # Score, milliseconds, protection levels and covariances by the names of their columns, those that are there
+    # All other numbers by the names of their columns, those that are there
     numbers: dict[str, float]
+    scan: str = ""  # its name
+    crs: str = ""  # of the pose
 
 
 def bearing_deg(pose: Pose) -> float:
@@ -46,9 +48,9 @@ def properties(row: PoseRow) -> dict[str, float | str | None]:
         position = dict(zip("xyz", row.pose.position.tolist(), strict=True))
         turns = (*np.degrees(row.pose.values[3:]).tolist(), bearing_deg(row.pose))
         angles = dict(zip(angles, turns, strict=True))
-    names = ("score", "ms", "protection_along", "protection_across", *COVARIANCES)
-    numbers = {name: row.numbers.get(name) for name in names}
-    return {"time": row.time, **position, "status": row.status, **angles, **numbers, "reason": row.reason}
+    numbers = {name: row.numbers.get(name) for name in FORMATS if FORMATS[name] and name not in ("time", *UNKNOWNS)}
+    first = {"time": row.time, "scan": row.scan, **position, "status": row.status}
+    return {**first, **angles, **numbers, "reason": row.reason}
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[PoseRow]:
@@ -89,14 +91,16 @@ def _parquet_values(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 def _row(label: str, cells: dict[str, Any]) -> PoseRow:
     """The row of cells, texts or numbers; None or an empty text where a value is not known."""
     known = {name: value for name, value in cells.items() if value not in (None, "")}
-    status, reason = (known.pop(name, "") for name in WORDS)
+    words = [known.pop(name, "") for name in WORDS]
     parsed = {name: parse_float(value) if isinstance(value, str) else value for name, value in known.items()}
-    numbers = {name: value for name, value in parsed.items() if isinstance(value, float) and math.isfinite(value)}
+    values = {name: value for name, value in parsed.items() if isinstance(value, int | float)}
+    numbers = {name: float(value) for name, value in values.items() if math.isfinite(value)}
     wrong = [value for name, value in known.items() if name not in numbers]
-    wrong += [text for text in (status, reason) if not isinstance(text, str)]
+    wrong += [text for text in words if not isinstance(text, str)]
     if wrong or "time" not in numbers:
         raise ValueError(f"in {label}: {repr(wrong[0])[:40] if wrong else 'no time'}")
     unknowns = [numbers.pop(name) for name in UNKNOWNS if name in numbers]
     if len(unknowns) not in (0, len(UNKNOWNS)):
         raise ValueError(f"in {label}: a part of a pose")
-    return PoseRow(numbers.pop("time"), Pose(*unknowns) if unknowns else None, status, reason, numbers)
+    status, reason, *names = words
+    return PoseRow(numbers.pop("time"), Pose(*unknowns) if unknowns else None, status, reason, numbers, *names)

@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,6 +84,13 @@ def crs_name(wkt: str | None) -> str:
     crs = parse_crs(wkt)
     authority = crs.to_authority()
     return f"{crs.name} ({':'.join(authority)})" if authority else str(crs.name)
+
+
+@cache
+def crs_code(wkt: str | None) -> str:
+    """Return "EPSG:25832" or the like, the name where it has no code, and nothing for None."""
+    crs = parse_crs(wkt) if wkt is not None else None
+    return "" if crs is None else ":".join(crs.to_authority() or (crs.name,))
 
 
 def to_wgs84(crs: str, places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

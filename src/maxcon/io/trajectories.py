@@ -161,14 +161,14 @@ def _read_csv(file: Path, *, is_prior: bool) -> tuple[PoseTable, list[NDArray[np
 
 
 def _certainty_columns(table: PoseTable) -> tuple[str, ...]:
-    """The columns of a covariance, those of three standard deviations, or none."""
+    """The columns of a covariance, else those of three standard deviations, or none."""
     given = [
         kind for kind in (COVARIANCE_COLUMNS, SIGMA_COLUMNS) if any(table.name_of(name) is not None for name in kind)
     ]
     if not given:
         return ()
     missing = [name for name in given[0] if table.name_of(name) is None]
-    if missing or len(given) == 2:
+    if missing:
         table.refuse(
             f"Expected either {','.join(COVARIANCE_COLUMNS)} (m^2, m rad, rad^2) or {','.join(SIGMA_COLUMNS)} (m, rad;"
             f" or sigma_heading_deg), got {'both' if len(given) == 2 else f'no {missing[0]!r}'}. Give all columns of"
