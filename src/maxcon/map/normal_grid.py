@@ -46,8 +46,8 @@ class NormalGrid:
         nx, ny, nz = (high - low + 1).tolist()
         n = nx * ny * nz + ROW_BLOCK
         normals, along, across = np.zeros((n, 2), np.int8), np.zeros(n, np.uint8), np.zeros(n, np.uint8)
-        level = [tile.normals[:, :2].astype(np.float64) for tile in tiles]
-        axis = np.ascontiguousarray(np.linalg.eigh(sum((each.T @ each for each in level), np.zeros((2, 2))))[1][:, 0])
+        products = sum((tile.normal_products for tile in tiles), np.zeros((2, 2)))
+        axis = np.ascontiguousarray(np.linalg.eigh(products)[1][:, 0])
         for tile in tiles:
             corner = np.array([tile.key[0] * tile.edge, tile.key[1] * tile.edge, 0]) - low
             tile_kernels.fill_normals(

@@ -121,6 +121,12 @@ class VoxelTile:
         return int(self.counts.max(initial=1))
 
     @cached_property
+    def normal_products(self) -> NDArray[np.float64]:
+        """Sums of the products of x and y of the normals, shape (2, 2): which axis they determine."""
+        horizontal = self.normals[:, :2].astype(np.float64)
+        return horizontal.T @ horizontal
+
+    @cached_property
     def occupancy(self) -> Occupancy:
         """Which voxels there are."""
         from maxcon.map import tile_kernels

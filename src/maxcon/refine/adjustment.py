@@ -175,7 +175,7 @@ def adjusted(
     from maxcon.refine import kernels, partner_kernels
 
     first = start.values
-    unknowns, planes = first.copy(), np.zeros((len(sample), 4))
+    unknowns, planes = first.copy(), np.empty((len(sample), 4))
     for each in passes:
         every = min(each.every, max(1, len(sample) // FEWEST_OF_MANY))
         partner_kernels.find_partners(

@@ -12,11 +12,8 @@ from maxcon.geometry import Pose, rotation_matrices
 from maxcon.map import PointMap
 from maxcon.map.ground import HEADROOM
 from maxcon.scan import Scan
+from maxcon.scan.scan import FARTHEST_GROUND
 
-# The scan's ground is looked for from NEAREST to FARTHEST around it (m): nearer there is the vehicle, farther rings
-# lie apart. Of each cell of CELL the points up to THICKNESS above the lowest are taken (m).
-NEAREST, FARTHEST = 2.5, 30.0
-CELL, THICKNESS = 0.5, 0.12
 # A prior's height may be wrong by REACH (m). The fit begins where most cells nearer than NEAR agree, to within BIN
 # either way: there a tilt does not yet amount to much.
 REACH, BIN, NEAR = 2.5, 0.1, 12.0
@@ -120,9 +117,7 @@ def fit_ground_plane(scan: Scan) -> Pose | None:
     Returns T_ground_sensor: its z is the height above the plane, its roll and pitch make the plane level; x, y and
     heading are 0. None where too few cells of half a metre have points. The scan's z is within some degrees of up.
     """
-    from maxcon.refine import ground_kernels
-
-    points = ground_kernels.lowest_of_cells(scan.points, np.eye(3), CELL, NEAREST, FARTHEST, THICKNESS)
+    points = scan.lowest_points()
     if len(points) < FEWEST_CELLS:
         return None
     plane, _ = _fit_plane(points, np.ascontiguousarray(-points[:, 2]), HIGHEST)
@@ -175,9 +170,8 @@ def _below_ground(scan: Scan, point_map: PointMap, pose: Pose) -> tuple[NDArray[
     """
     from maxcon.refine import ground_kernels
 
-    rotation = np.ascontiguousarray(rotation_matrices(pose.roll, pose.pitch, 0.0))
-    points = ground_kernels.lowest_of_cells(scan.points, rotation, CELL, NEAREST, FARTHEST, THICKNESS)
-    patch = point_map.ground_around(pose.x, pose.y, FARTHEST)
+    points = scan.lowest_points(pose.roll, pose.pitch) @ rotation_matrices(pose.roll, pose.pitch, 0.0).T
+    patch = point_map.ground_around(pose.x, pose.y, FARTHEST_GROUND)
     corner = (patch.first[0] * patch.edge, patch.first[1] * patch.edge)
     turn = (math.cos(pose.heading), math.sin(pose.heading))
     below = np.empty(len(points))

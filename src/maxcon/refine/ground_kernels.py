@@ -11,56 +11,6 @@ N_LAST = 3
 
 
 @njit(nogil=True, cache=True)
-def lowest_of_cells(points, rotation, edge, nearest, farthest, thickness):
-    """Find the lowest points in each cell of a grid about the sensor: their means, with a rotation applied.
-
-    points : (n, 3) float64, sensor frame, m; rotation : (3, 3), applies roll and pitch; edge : of a cell, m;
-    nearest, farthest : points nearer or farther than this, horizontally, are left out, m; thickness : points up to this
-    above the lowest of their cell are taken, m. Returns (m, 3) float64.
-    """
-    n = points.shape[0]
-    reach = np.int64(np.ceil(farthest / edge))
-    width = 2 * reach
-    numbers = np.full(width * width, np.int32(-1))  # of each cell among those met
-    cells, heights, lowest = np.empty(n, np.int32), np.empty(n), np.empty(n)
-    n_cells = 0
-    for i in range(n):
-        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        x = rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz
-        y = rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz
-        square = x * x + y * y
-        cells[i] = -1
-        if square < nearest * nearest or square >= farthest * farthest:
-            continue
-        z = rotation[2, 0] * px + rotation[2, 1] * py + rotation[2, 2] * pz
-        place = (np.int64(np.floor(y / edge)) + reach) * width + np.int64(np.floor(x / edge)) + reach
-        if numbers[place] < 0:
-            numbers[place] = n_cells
-            lowest[n_cells] = z
-            n_cells += 1
-        cells[i], heights[i] = numbers[place], z
-        lowest[cells[i]] = min(lowest[cells[i]], z)
-    sums = np.zeros((n_cells, 4))
-    for i in range(n):
-        cell = cells[i]
-        if cell < 0 or heights[i] > lowest[cell] + thickness:
-            continue
-        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        sums[cell, 0] += rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz
-        sums[cell, 1] += rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz
-        sums[cell, 2] += heights[i]
-        sums[cell, 3] += 1.0
-    means = np.empty((n_cells, 3))
-    m = 0
-    for cell in numbers:
-        if cell >= 0:
-            for axis in range(3):
-                means[m, axis] = sums[cell, axis] / sums[cell, 3]
-            m += 1
-    return means
-
-
-@njit(nogil=True, cache=True)
 def _ground_at(heights, x, y, z):
     """Height of the level nearest to z, bilinear between the middles of cells; NaN where less than half is known.
 

@@ -13,10 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals, read_only_view
+from maxcon.geometry.pose import rotation_matrices
 from maxcon.scan.normals import Viewpoints, estimate_scan_normals
 
 SAMPLE_EDGE = 0.4
 """Edge of the cubes of `Scan.sample`, m."""
+NEAREST_GROUND, FARTHEST_GROUND = 2.5, 30.0
+"""Ground is looked for between these distances, m: nearer there is the vehicle, farther rings lie apart."""
+GROUND_CELL, GROUND_THICKNESS = 0.5, 0.12
+"""Of each cell the points up to so much above the lowest are taken, m."""
+GROUND_TILT_STEP = math.radians(4.0)
+"""Cells are level to a half of this: the points of many poses are those of one search."""
 
 
 def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -56,6 +63,7 @@ class Scan:
         self.time = float(time)
         self.viewpoints = viewpoints
         self._thinned: dict[float, Scan] = {}
+        self._lowest: dict[tuple[int, int], NDArray[np.float64]] = {}
         if not np.isfinite(self.time):
             raise ArrayError(f"Expected a finite `time` of the scan, got {time}.")
         if viewpoints is not None and len(viewpoints.scanners) != len(self.points):
@@ -102,11 +110,26 @@ class Scan:
         estimate = estimate_scan_normals if self.viewpoints is None else self.viewpoints.normals
         return self._part(self.points[kept], estimate(self.points, is_asked)[kept])
 
+    def lowest_points(self, roll: float = 0.0, pitch: float = 0.0) -> NDArray[np.float64]:
+        """Means of the lowest points in cells of half a metre, shape (m, 3), sensor frame: what may be ground.
+
+        roll, pitch: of the sensor, rad; the cells are level for the nearest multiples of `GROUND_TILT_STEP`.
+        """
+        from maxcon.scan import thinning_kernels
+
+        steps = round(roll / GROUND_TILT_STEP), round(pitch / GROUND_TILT_STEP)
+        if steps not in self._lowest:
+            level = rotation_matrices(steps[0] * GROUND_TILT_STEP, steps[1] * GROUND_TILT_STEP, 0.0)
+            self._lowest[steps] = thinning_kernels.lowest_of_cells(
+                self.points, np.ascontiguousarray(level), GROUND_CELL, NEAREST_GROUND, FARTHEST_GROUND, GROUND_THICKNESS
+            )
+        return self._lowest[steps]
+
     def _part(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> Scan:
         """A scan of some of the points, which were checked already."""
         part = object.__new__(Scan)
         part.points, part.normals = _frozen(points), _frozen(normals)
-        part.time, part.viewpoints, part._thinned = self.time, None, {}
+        part.time, part.viewpoints, part._thinned, part._lowest = self.time, None, {}, {}
         return part
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: one point of those in each cube of a grid."""
+"""Compiled: one point of those in each cube of a grid, and the lowest points of level cells."""
 
 import numpy as np
 
@@ -101,3 +101,51 @@ def one_per_cube(points, normals, edge, by_lot):
         if is_kept:
             kept[cube], have_normals[cube], ranks[cube] = i, has_normal, rank
     return kept[:n_cubes].copy()
+
+
+@njit(nogil=True, cache=True)
+def lowest_of_cells(points, rotation, edge, nearest, farthest, thickness):
+    """Find the means, (m, 3) float64, sensor frame, of the lowest points in each cell of a level grid about the sensor.
+
+    points : (n, 3) float64, sensor frame, m; rotation : (3, 3), makes the sensor level; edge : of a cell, m; nearest,
+    farthest : points nearer or farther than this, horizontally, are left out, m; thickness : points up to this above
+    the lowest of their cell are taken, m.
+    """
+    n = points.shape[0]
+    reach = np.int64(np.ceil(farthest / edge))
+    width = 2 * reach
+    numbers = np.full(width * width, np.int32(-1))  # of each cell among those met
+    cells, heights, lowest = np.empty(n, np.int32), np.empty(n), np.empty(n)
+    n_cells = 0
+    for i in range(n):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        x = rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz
+        y = rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz
+        square = x * x + y * y
+        cells[i] = -1
+        if square < nearest * nearest or square >= farthest * farthest:
+            continue
+        z = rotation[2, 0] * px + rotation[2, 1] * py + rotation[2, 2] * pz
+        place = (np.int64(np.floor(y / edge)) + reach) * width + np.int64(np.floor(x / edge)) + reach
+        if numbers[place] < 0:
+            numbers[place] = n_cells
+            lowest[n_cells] = z
+            n_cells += 1
+        cells[i], heights[i] = numbers[place], z
+        lowest[cells[i]] = min(lowest[cells[i]], z)
+    sums = np.zeros((n_cells, 4))
+    for i in range(n):
+        cell = cells[i]
+        if cell < 0 or heights[i] > lowest[cell] + thickness:
+            continue
+        for axis in range(3):
+            sums[cell, axis] += points[i, axis]
+        sums[cell, 3] += 1.0
+    means = np.empty((n_cells, 3))
+    m = 0
+    for cell in numbers:
+        if cell >= 0:
+            for axis in range(3):
+                means[m, axis] = sums[cell, axis] / sums[cell, 3]
+            m += 1
+    return means
