@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from maxcon.map import TILE_VOXELS, PointMap
 from maxcon.map.lookup_kernels import find_in_patch, find_patch, is_near_voxels, n_bits, plane_of_voxel
-from maxcon.map.voxel_table import GrowingTable, voxel_table
+from maxcon.map.voxel_table import TileTable, voxel_table
 
 SEEDS = st.integers(0, 2**32)
 
@@ -41,7 +41,7 @@ def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
 def test_tables_that_were_given_out_stay_as_they_are_while_more_tiles_come(seed, most_bytes):
     rng = np.random.default_rng(seed)
     tiles = {tile.key: tile for tile in tiles_of(rng, 200, 1.0)}
-    load, table, given_out = (lambda keys: [tiles[key] for key in keys]), GrowingTable(), []
+    load, table, given_out = (lambda keys: [tiles[key] for key in keys]), TileTable(), []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("maxcon.map.voxel_table.MOST_BYTES", most_bytes)
         for _ in range(4):

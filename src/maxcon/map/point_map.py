@@ -31,7 +31,7 @@ from maxcon.map.layout import (
 )
 from maxcon.map.normal_grid import NormalGrid, grid_extent
 from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
-from maxcon.map.voxel_table import GrowingTable, VoxelTable
+from maxcon.map.voxel_table import TileTable, VoxelTable
 from maxcon.map.voxelize import voxelize
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class PointMap:
         self._ground: TileSource[GroundTile] = ground if ground is not None else TilesInMemory({})
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
         self._levels: dict[int, PointMap] = {}
-        self._table = GrowingTable()
+        self._table = TileTable()
         self._normal_grid: NormalGrid | None = None
         self._made_by: tuple[Callable[..., PointMap], tuple[Any, ...]] | None = None
         self._prefetch: Callable[[Iterable[TileKey]], None] | None = None

@@ -33,7 +33,7 @@ MOST_BYTES, ROOM = 2**29, 1.25
 """A table that holds more is begun anew, with the tiles that are asked for; arrays grow by this factor."""
 
 
-class GrowingTable:
+class TileTable:
     """Tiles one after the other in arrays with room for more: an epoch adds those that no one before it needed.
 
     What is in the arrays is never written again: tables that were given out stay as they are.
@@ -43,8 +43,8 @@ class GrowingTable:
         self._lock = Lock()
         self._begin()
 
-    def __reduce__(self) -> tuple[type["GrowingTable"], tuple[()]]:
-        return GrowingTable, ()  # a copy, perhaps in another process, begins empty
+    def __reduce__(self) -> tuple[type["TileTable"], tuple[()]]:
+        return TileTable, ()  # a copy, perhaps in another process, begins empty
 
     def _begin(self) -> None:
         """Forget all tiles; the first row is of none, without patches."""
@@ -118,7 +118,7 @@ class GrowingTable:
 def voxel_table(tiles: Sequence[VoxelTile]) -> VoxelTable:
     """Return the table of some tiles, numbered in their order."""
     of_key = {tile.key: tile for tile in tiles}
-    table = GrowingTable()
+    table = TileTable()
     return table.of(of_key, lambda keys: [of_key[key] for key in of_key if key in set(keys)])
 
 
