@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from maxcon import MaximumConsensus, Scan, SearchSpace, Trust
 from maxcon.estimate import Status
-from maxcon.refine import fit, refine
+from maxcon.refine import fit, patterns, refine
 from maxcon.refine.adjustment import table_around
 from walled_towns import TRUTH, beside, made
 
 SPACE = SearchSpace(1.0, heading_half_width_deg=2.0)
 SEEDS = st.integers(0, 3)
-TOO_LARGE, LONG, STRETCHED, STRETCHED_AHEAD, TWISTED, _, LEFT, AHEAD = fit.PATTERNS
+TOO_LARGE, LONG, STRETCHED, STRETCHED_AHEAD, TWISTED, _, LEFT, AHEAD = patterns.PATTERNS
 SIZES = {TOO_LARGE: 0.012, LONG: 0.15, STRETCHED: 1.0, STRETCHED_AHEAD: 1.0, TWISTED: 0.03, LEFT: 0.3, AHEAD: 0.3}
 
 
@@ -32,6 +32,11 @@ def fitted(scan, point_map, pose=TRUTH):
     """The fit at the pose that a scan is refined to."""
     refined = refine(scan, point_map, pose)
     return fit.fit_of(refined, scan.sample, point_map, table_around(scan.sample, point_map, [pose]))
+
+
+def off(pose):
+    """How far a pose lies from the truth in x and y, m."""
+    return math.hypot(pose.x - TRUTH.x, pose.y - TRUTH.y)
 
 
 def distorted(scan, pattern, size):
@@ -50,19 +55,21 @@ def test_a_right_answer_passes_with_noise_and_with_few_points(seed, noise, every
 
 @given(seed=SEEDS, pattern=st.sampled_from(list(SIZES)), sign=st.sampled_from([-1.0, 1.0]))
 @settings(max_examples=15)
-def test_each_pattern_is_noticed(seed, pattern, sign):
+def test_each_pattern_is_noticed_and_the_pose_is_that_of_the_scan_without_it(seed, pattern, sign):
     point_map, scan = town(seed)
     found = fitted(distorted(scan, pattern, sign * SIZES[pattern]), point_map)
-    assert found.misfit > 1.0
     assert found.words
+    if found.misfit < 1.0:
+        assert pattern.is_of_scan
+        assert off(found.refined.pose) < 0.05
 
 
 @pytest.mark.parametrize(
     ("pattern", "size", "words"),
     [
-        (TOO_LARGE, 0.01, "the scan looks +0.99 %"), (LONG, 0.12, "the scan has ranges that look +0.1"),
-        (STRETCHED, 0.9, "the scan looks stretched along the way by +0.9 m a turn: deskew it"),
-        (TWISTED, 0.03, "the scan looks twisted by +1.7 degrees a turn: deskew it"),
+        (TOO_LARGE, 0.01, "the scan looks +1.00 %"), (LONG, 0.12, "the scan has ranges that look +0.1"),
+        (STRETCHED, 0.9, "the scan looks stretched along the way by +0.9 m a turn (corrected): deskew it (--deskew)"),
+        (TWISTED, 0.03, "the scan looks twisted by +1.7 degrees a turn (corrected): deskew it (--deskew)"),
         (LEFT, 0.3, "the scan has what is to the left +0.3"), (AHEAD, 0.3, "the scan has what is ahead +0.3"),
     ],
 )  # fmt: skip
@@ -71,14 +78,37 @@ def test_the_strongest_pattern_is_named_with_its_size(pattern, size, words):
     assert words in fitted(distorted(scan, pattern, size), point_map).words
 
 
-def test_a_small_pattern_is_named_and_widens_the_covariance_by_the_shift_it_causes():
+@pytest.mark.parametrize(("pattern", "size"), [(STRETCHED, 0.5), (STRETCHED, 1.5), (TWISTED, 0.03), (LONG, 0.15)])
+def test_a_scan_is_corrected_and_half_of_the_shift_widens_the_covariance(pattern, size):
     point_map, scan = town(1)
-    stretched = distorted(scan, STRETCHED, 0.3)
-    found = fitted(stretched, point_map)
+    changed = distorted(scan, pattern, size)
+    as_it_is, found = refine(changed, point_map, TRUTH).pose, fitted(changed, point_map)
+    assert found.misfit < 1.0
+    assert "(corrected)" in found.words
+    assert off(found.refined.pose) < min(0.03, 0.7 * off(as_it_is))
+    shift = found.refined.pose.values - as_it_is.values
+    assert found.covariance == pytest.approx(0.25 * np.outer(shift, shift))
+
+
+def test_what_the_map_may_have_as_well_is_not_corrected_and_widens_the_covariance():
+    point_map, scan = town(1)
+    changed = distorted(scan, LEFT, 0.1)
+    found = fitted(changed, point_map)
     assert 0.0 < found.misfit < 1.0
-    assert "stretched along the way by +0.3 m" in found.words
-    shift = refine(stretched, point_map, TRUTH).pose.values - TRUTH.values
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(np.abs(shift), abs=0.005)
+    assert "what is to the left +0.1" in found.words
+    assert found.refined.pose == refine(changed, point_map, TRUTH).pose
+    assert math.sqrt(found.covariance[1, 1]) == pytest.approx(abs(found.refined.pose.y - TRUTH.y), abs=0.02)
+
+
+def test_a_scan_that_is_explained_in_two_ways_from_two_places_is_refused(monkeypatch):
+    point_map, scan = town(1)
+    changed = distorted(scan, STRETCHED, 0.9)
+    assert fitted(changed, point_map).misfit < 1.0
+    monkeypatch.setattr(patterns, "RIVALLING", -1.0)
+    monkeypatch.setattr(patterns, "APART", 0.0)
+    found = fitted(changed, point_map)
+    assert found.misfit > 1.0
+    assert "it may as well be that, seen from another place, the scan " in found.words
 
 
 def test_away_from_the_right_pose_patches_lie_beside_the_map():
@@ -104,9 +134,17 @@ def test_a_scan_that_looks_to_one_side_is_not_tested_for_what_arises_during_a_tu
 
 def test_an_answer_that_does_not_fit_is_refused_unless_it_is_asked_for():
     point_map, scan = town(1)
-    stretched = distorted(scan, STRETCHED, 1.5)
-    refused = MaximumConsensus(SPACE, wider=0.0).localize(stretched, point_map, beside(0.2, 0.1))
+    shifted = distorted(scan, LEFT, 0.3)
+    refused = MaximumConsensus(SPACE, wider=0.0).localize(shifted, point_map, beside(0.2, 0.1))
     assert refused.status is Status.MISFIT
-    assert "deskew it" in refused.reason
+    assert "what is to the left" in refused.reason
     trusting = MaximumConsensus(SPACE, wider=0.0, trust=Trust(largest_misfit=math.inf))
-    assert trusting.localize(stretched, point_map, beside(0.2, 0.1)).is_localized
+    assert trusting.localize(shifted, point_map, beside(0.2, 0.1)).is_localized
+
+
+def test_the_answer_of_a_scan_that_was_not_deskewed_is_that_of_the_middle_of_its_turn():
+    point_map, scan = town(1)
+    answer = MaximumConsensus(SPACE).localize(distorted(scan, STRETCHED, 1.0), point_map, beside(0.2, 0.1))
+    assert answer.is_localized
+    assert off(answer.pose) < 0.03
+    assert "by +1.0 m a turn (corrected): deskew it (--deskew)" in answer.reason

@@ -140,20 +140,31 @@ def refine(
     passes: the last one with the gate of 0.21 m.
     table: the voxels around the start, if they are at hand.
     """
-    from maxcon.refine import kernels
-
     sample = scan.sample
-    points, normals = sample.points, sample.normals
-    start_weights = weights_of_start(height_sigma, tilt_sigma)
     if table is None:
         table = table_around(sample, point_map, [start])
+    return refine_sample(sample, point_map, table, start, weights_of_start(height_sigma, tilt_sigma), passes)
+
+
+def refine_sample(
+    sample: Scan,
+    point_map: PointMap,
+    table: VoxelTable,
+    start: Pose,
+    start_weights: NDArray[np.float64],
+    passes: Sequence[Pass],
+) -> Refined:
+    """Adjust a pose to the map by all points of a scan; see `refine` and `weights_of_start`."""
+    from maxcon.refine import kernels
+
+    points = sample.points
     unknowns, planes = adjusted(sample, point_map, table, start, start_weights, passes)
     normal_matrix, residuals, weights = np.empty((6, 6)), np.empty(len(points)), np.empty(len(points))
     kernels.weigh(points, planes, unknowns, passes[-1].gate, normal_matrix, residuals, weights)
     moved, turned = math.hypot(unknowns[0] - start.x, unknowns[1] - start.y), abs(unknowns[5] - start.heading)
     return Refined(
-        Pose(*unknowns.tolist()), points, normals, planes, residuals, weights, normal_matrix, start_weights, moved,
-        turned,
+        Pose(*unknowns.tolist()), points, sample.normals, planes, residuals, weights, normal_matrix, start_weights,
+        moved, turned,
     )  # fmt: skip
 
 

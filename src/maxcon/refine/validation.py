@@ -75,9 +75,9 @@ def validate(
         reason = "; ".join(filter(None, [found.reason, fit.words]))
         if fit.misfit > trust.largest_misfit:
             return replace(found, pose=start, status=Status.MISFIT, reason=reason)
-        errors = covariance(refined, point_map.sigma) + fit.covariance
-        level = protection_level(errors, refined.pose.heading, risk)
-        return replace(found, pose=refined.pose, covariance=errors, protection_level=level, reason=reason)
+        pose, errors = fit.refined.pose, covariance(fit.refined, point_map.sigma) + fit.covariance
+        level = protection_level(errors, pose.heading, risk)
+        return replace(found, pose=pose, covariance=errors, protection_level=level, reason=reason)
     reason = f"{refined.n_planes} points on planes of the map, {refined.moved:.2f} m from the best cell"
     if status is Status.WALLS_MISSING:
         reason = "the scan has hardly any wall points" if walls is None else walls.words

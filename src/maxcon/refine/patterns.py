@@ -1,0 +1,275 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Patterns: systematic errors of a scan, or of the map around it, that residuals at a refined pose show (D12).
+
+A scan that is stretched by the motion during its turn, has a wrong scale or ranges that are too long fits the map
+better without it. The pose is then that of the scan without.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry import Pose
+from maxcon.map import PointMap
+from maxcon.map.voxel_table import VoxelTable
+from maxcon.refine.adjustment import CLUSTER_EDGE, LAST_PASSES, LEAST_COSINE, N_BINS, STEEPEST, Refined, refine_sample
+from maxcon.scan import Scan
+
+GATE = 0.6
+"""Partners are looked for along normals up to this distance, m."""
+MOST_POINTS = 1400
+"""So many points with normals are enough."""
+PATCH_POINTS = 4
+"""A patch of the scan has at least so many points."""
+SIGNIFICANT, NOTABLE_SHIFT = 2.0, 0.04
+"""A pattern is tried if one step finds it larger than so many of its standard deviations, and than its own notable size
+or one that shifts the pose by so much, m."""
+LEAST_GAIN = 0.03
+"""The scan has it if it is as large and significant after all steps, and the points of the scan without it have so much
+more weight, as a ratio."""
+RIVALLING, APART, LARGE = 0.5, 0.1, 3.0
+"""A pattern with this ratio of that gain, less `LEAST_GAIN`, rivals it if its pose lies so far away, m; one of so many
+times its notable size rivals a scan without any."""
+TRIAL_POINTS = 1500
+"""Patterns are compared by so many points of the sample."""
+SECTORS, FEWEST_SECTORS = 36, 27
+"""A scan looks all around if it has points in so many sectors of azimuth."""
+ITERATIONS, SETTLED = 5, 0.1
+"""The size of a pattern is found in so many rounds at most; the last one changes it by less than this ratio."""
+
+Points = NDArray[np.float64]
+
+
+def _phase(points: Points, ahead: float) -> Points:
+    """Part of a turn, shape (n, 1), -1/2 to 1/2, at which a spinning scanner takes each point."""
+    return (np.mod(np.arctan2(ahead * points[:, 1], ahead * points[:, 0]) / (2.0 * math.pi) + 0.5, 1.0) - 0.5)[:, None]
+
+
+def _along(points: Points, axis: int) -> Points:
+    return np.broadcast_to(np.eye(3)[axis], points.shape)
+
+
+def _turning(points: Points) -> Points:
+    return np.column_stack([-points[:, 1], points[:, 0], np.zeros(len(points))])
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """A systematic error that a scan, or the map around it, may have.
+
+    words: with its size, in `unit`s, after "the scan ..."; remedy: what to do.
+    direction: how a unit of it moves each point, shape (n, 3), sensor frame (x forward).
+    notable, largest: sizes from which it is named, and from which the answer is not trusted.
+    is_of_turn: whether it arises while a scanner turns, and so only in scans that look all around.
+    is_of_scan: whether the scan must be what is off; where the map may be, too, nothing tells which of the two.
+    """
+
+    words: str
+    remedy: str
+    direction: Callable[[Points], Points]
+    notable: float
+    largest: float
+    unit: float = 1.0
+    is_of_turn: bool = False
+    is_of_scan: bool = True
+
+
+DESKEW = "deskew it (--deskew)"
+PATTERNS = (
+    Pattern("looks {:+.2f} % too large", "are its units and calibration right?", lambda p: p, 0.0035, 0.03, 0.01),
+    Pattern(
+        "has ranges that look {:+.2f} m too long", "calibrate the scanner",
+        lambda p: p / np.maximum(np.linalg.norm(p, axis=1), 1e-9)[:, None], 0.05, 0.5,
+    ),
+    Pattern(
+        "looks stretched along the way by {:+.1f} m a turn", DESKEW,
+        lambda p: _phase(p, 1.0) * _along(p, 0), 0.18, 3.0, is_of_turn=True,
+    ),
+    Pattern(
+        "looks stretched along the way by {:+.1f} m a turn that begins ahead", DESKEW,
+        lambda p: _phase(p, -1.0) * _along(p, 0), 0.18, 3.0, is_of_turn=True,
+    ),
+    Pattern(
+        "looks twisted by {:+.1f} degrees a turn", DESKEW,
+        lambda p: _phase(p, 1.0) * _turning(p), 0.008, 0.08, math.pi / 180.0, is_of_turn=True,
+    ),
+    Pattern(
+        "looks twisted by {:+.1f} degrees a turn that begins ahead", DESKEW,
+        lambda p: _phase(p, -1.0) * _turning(p), 0.008, 0.08, math.pi / 180.0, is_of_turn=True,
+    ),
+    Pattern(
+        "has what is to the left {:+.2f} m farther out than the map, beside what is to the right", "",
+        lambda p: (p[:, 1:2] > 0.0) * _along(p, 1), 0.08, 0.15, is_of_scan=False,
+    ),
+    Pattern(
+        "has what is ahead {:+.2f} m farther to the left than the map, beside what is behind", "",
+        lambda p: (p[:, :1] > 0.0) * _along(p, 1), 0.08, 0.15, is_of_scan=False,
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Partners:
+    """Points of a scan with normals, at a pose, and their partners within the gate.
+
+    points, normals: shape (n, 3), sensor frame; planes: (n, 4), as `find_partners` made them; distances: (n,), of the
+    points from their planes, m, infinite without a partner; patches: (n,), number of each one's patch, points of one
+    orientation in one cube, -1 without a partner; n_patches: how many there are.
+    """
+
+    pose: Pose
+    points: Points
+    normals: Points
+    planes: Points
+    distances: NDArray[np.float64]
+    patches: NDArray[np.int64]
+    n_patches: int
+
+    @classmethod
+    def of(cls, sample: Scan, pose: Pose, point_map: PointMap, table: VoxelTable) -> "Partners":
+        """Find the partners of some of the points that have a normal."""
+        from maxcon.refine import kernels, partner_kernels
+
+        has_normal = np.flatnonzero(sample.normals.any(axis=1))
+        n_chosen = min(MOST_POINTS, len(has_normal))
+        chosen = has_normal[np.arange(n_chosen) * len(has_normal) // max(1, n_chosen)]
+        points, normals, planes = sample.points[chosen], sample.normals[chosen], np.zeros((len(chosen), 4))
+        partner_kernels.find_partners(
+            points, normals, pose.values, 1, point_map.cell, (max(2, math.ceil(GATE / point_map.cell)), 0),
+            LEAST_COSINE, point_map.is_signed, table, planes,
+        )  # fmt: skip
+        distances = planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(points))
+        is_near = planes[:, :3].any(axis=1) & (np.abs(distances) < GATE)
+        patches, walls = (np.empty(len(points), np.int64) for _ in range(2))
+        n_patches, _ = kernels.number_groups(
+            points, planes, is_near.astype(np.float64), pose.position, CLUSTER_EDGE, N_BINS, STEEPEST, patches, walls
+        )
+        return cls(pose, points, normals, planes, np.where(is_near, distances, np.inf), patches, n_patches)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corrected:
+    """A scan without a pattern.
+
+    size: of the pattern; scan, refined: the scan, and its pose; gain: how much more weight its points have than those
+    of the scan as it is, as a ratio; significance: of the size, in standard deviations.
+    """
+
+    pattern: Pattern
+    size: float
+    scan: Scan
+    refined: Refined
+    gain: float
+    significance: float
+
+    def words(self, then: str = "") -> str:
+        """What the scan has, and what to do, for a reader, after "the scan"."""
+        found = self.pattern.words.format(self.size / self.pattern.unit) + then
+        return f"{found}: {self.pattern.remedy}" if self.pattern.remedy else found
+
+
+def without_pattern(
+    refined: Refined, partners: Partners, sample: Scan, point_map: PointMap, table: VoxelTable
+) -> tuple[Corrected | None, list[Corrected]]:
+    """The scan without the pattern that it has, None if it has none; and patterns that rival this explanation.
+
+    refined, partners: of the sample of a scan, as it is. Rivals explain the scan about as well, from another place, or
+    are large where none explains it.
+    """
+    step = max(1, len(sample) // TRIAL_POINTS)
+    some, weight = Scan(sample.points[::step], sample.normals[::step]), float(refined.weights[::step].sum())
+    suspected = _suspected(partners, sample, refined.start_weights)
+    tried = [_without(*each, refined, weight, some, point_map, table) for each in suspected]
+    best = max(filter(_is_there, tried), key=lambda each: each.gain, default=None)
+    gain, place = (0.0, refined.pose) if best is None else (best.gain, best.refined.pose)
+    rivals = [
+        each
+        for each in tried
+        if (each.gain > RIVALLING * gain - LEAST_GAIN and _apart(each.refined.pose, place) > APART)
+        or (best is None and abs(each.size) > LARGE * each.pattern.notable)
+    ]
+    if best is None:
+        return None, rivals
+    whole = _without(best.pattern, best.size, np.zeros(6), best.refined, weight, sample, point_map, table)
+    return replace(whole, gain=best.gain), rivals
+
+
+def _apart(one: Pose, other: Pose) -> float:
+    return math.hypot(one.x - other.x, one.y - other.y)
+
+
+def _suspected(partners: Partners, sample: Scan, start_weights: NDArray[np.float64]) -> list[tuple[Pattern, float, NDArray[np.float64]]]:
+    """Patterns that the scan may have, their sizes by one step, and how the pose moves, (6,)."""
+    looks_around = len(np.unique(np.floor(SECTORS * _phase(sample.points[::8], 1.0)))) >= FEWEST_SECTORS
+    patterns = [each for each in PATTERNS if looks_around or not each.is_of_turn]
+    if np.count_nonzero(partners.patches >= 0) < PATCH_POINTS * len(patterns):
+        return []
+    sizes, sigmas, moves = _sizes(partners, patterns, start_weights)
+    is_notable = (np.abs(sizes) > [each.notable for each in patterns]) | (np.hypot(*moves[:2]) > NOTABLE_SHIFT)
+    is_suspect = is_notable & (np.abs(sizes) > SIGNIFICANT * sigmas)
+    is_suspect &= sigmas < [0.5 * each.largest for each in patterns]  # otherwise the scan cannot tell
+    return [(patterns[k], float(sizes[k]), moves[:, k]) for k in np.flatnonzero(is_suspect)]
+
+
+def _is_there(tried: Corrected) -> bool:
+    return tried.gain > LEAST_GAIN and tried.significance > SIGNIFICANT and abs(tried.size) > tried.pattern.notable
+
+
+def _sizes(
+    partners: Partners, patterns: Sequence[Pattern], start_weights: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Size of each pattern by one step, its standard deviation, and how the pose moves with it, shape (6, n).
+
+    Each alone is one more unknown of the adjustment; standard deviations are cluster-robust, as in `covariance`.
+    """
+    from maxcon.refine import kernels
+
+    is_near = partners.patches >= 0
+    points, distances, normals = partners.points[is_near], partners.distances[is_near], partners.planes[is_near, :3]
+    rotation, axes = kernels.rotation_and_axes(partners.pose.values[3:])
+    by_pose = np.column_stack([normals, np.cross(points @ rotation.T, normals) @ axes.T])
+    normals_sensor = normals @ rotation
+    by_pattern = np.column_stack([-np.einsum("ij,ij->i", normals_sensor, each.direction(points)) for each in patterns])
+    weights = np.square(1.0 - np.square(distances / GATE))[:, None]
+    inverse = np.linalg.inv(by_pose.T @ (weights * by_pose) + np.diag(start_weights))
+    moves = inverse @ (by_pose.T @ (weights * by_pattern))
+    own = by_pattern - by_pose @ moves  # what the pose cannot take up
+    information = np.maximum((weights * own**2).sum(axis=0), 1e-9)
+    sizes = (weights * own).T @ distances / information
+    scores = weights * own * (distances[:, None] - own * sizes)
+    sums = [np.bincount(partners.patches[is_near], column, partners.n_patches) for column in scores.T]
+    sigmas = np.maximum(np.sqrt(np.square(sums).sum(axis=1)) / information, 1e-9)
+    return sizes, sigmas, -moves * sizes
+
+
+def _without(
+    pattern: Pattern,
+    size: float,
+    move: NDArray[np.float64],
+    refined: Refined,
+    weight: float,
+    scan: Scan,
+    point_map: PointMap,
+    table: VoxelTable,
+) -> Corrected:
+    """The scan without a pattern of a size, from a refined pose that moves with it: both are found in turns.
+
+    weight: of the points with the pattern.
+    """
+    more, size = size, 0.0
+    for _ in range(ITERATIONS):
+        size += more
+        without = Scan(scan.points - size * pattern.direction(scan.points), scan.normals)
+        start = Pose(*(refined.pose.values + move).tolist())
+        refined = refine_sample(without, point_map, table, start, refined.start_weights, LAST_PASSES)
+        partners = Partners.of(without, refined.pose, point_map, table)
+        sizes, sigmas, moves = _sizes(partners, (pattern,), refined.start_weights)
+        more, move = float(sizes[0]), moves[:, 0]
+        if abs(more) < SETTLED * abs(size):
+            break
+    gain = float(refined.weights.sum()) / max(weight, 1.0) - 1.0
+    return Corrected(pattern, size, without, refined, gain, abs(size) / float(sigmas[0]))
