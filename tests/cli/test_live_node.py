@@ -19,7 +19,7 @@ from maxcon.io.recordings.recording import header_of
 from towns import Town
 
 pytest.importorskip("cyclonedds")
-from maxcon.drive.ros2_node import CLOUD, DIAGNOSTICS, ODOMETRY, POSE, TRANSFORMS
+from maxcon.cli.ros2_node import CLOUD, DIAGNOSTICS, ODOMETRY, POSE, TRANSFORMS
 from maxcon.io.ros2_wire import Ros2Wire
 
 DOMAIN = 101 + os.getpid() % 100

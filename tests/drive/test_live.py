@@ -52,7 +52,7 @@ ODOMETRY = Trajectory.from_poses(
 
 @pytest.fixture
 def live(point_map):
-    return LiveLocalizer(point_map, METHOD)
+    return LiveLocalizer(point_map, METHOD, options=LiveOptions(queue=3))
 
 
 def give(live, epoch, now, *, has_times=False):
@@ -166,7 +166,14 @@ def test_a_clock_that_jumps_back_begins_anew(live):
     assert list(live.answers(0.0))[-1].T_map_odom is not None
     live.add_scan(TIMES[0] - 3600.0, SCANS.points(0)[0], now=1.0)
     (answer,) = live.answers(1.1)
-    assert (answer.epoch.status, answer.T_map_odom) == (Status.LOST, None)
+    assert (answer.epoch.status, answer.T_map_odom) == (Status.NO_PRIOR, None)
+
+
+def test_a_map_without_ground_is_not_searched_without_a_prior(point_map):
+    live = LiveLocalizer(point_map, METHOD, options=LiveOptions(patience=2))
+    give(live, 0, 0.0)
+    (answer,) = live.answers(0.1)
+    assert answer.epoch.status is Status.LOST
     assert answer.epoch.reason.endswith("the map has no ground, to search it without a prior")
 
 
@@ -252,9 +259,9 @@ HERE, THERE = (-12.0, 12.0, 0.4), (18.0, -9.0, 2.0)
 
 def test_it_starts_lost_is_carried_away_and_found_again(town):
     walk = Walk(town)
-    is_localized, first = walk.go(HERE, 5)
-    assert first[0].epoch.reason.startswith("found in the whole map")
-    assert is_localized[2:] == [True] * 3
+    is_localized, first = walk.go(HERE, 6)
+    assert [answer.epoch.reason.startswith("found in the whole map") for answer in first[:2]] == [False, True]
+    assert is_localized[-2:] == [True] * 2
     is_localized, away = walk.go(THERE, 7)
     assert is_localized[0] is False
     assert is_localized[-2:] == [True] * 2
@@ -281,7 +288,7 @@ def test_where_a_position_is_off_the_map_it_is_said(town):
 
 
 def test_without_odometry_each_scan_is_found_by_itself(town):
-    live = LiveLocalizer(town.map)
+    live = LiveLocalizer(town.map, options=LiveOptions(patience=2))
     for number in range(2):
         pose = town.pose(-12.0, 12.0 + number, 0.4)
         live.add_scan(0.1 * number, town.scan(pose, number).points, now=0.0)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from maxcon.cli.flags import OptionGroup, check_exclusive, check_needs, flag
+from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag
 from maxcon.errors import OptionError
 
 SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
@@ -108,6 +108,30 @@ class MotionOptions(OptionGroup, title="Motion"):
     def __post_init__(self) -> None:
         check_needs({"--odometry": self.odometry}, {"--track": self.track, "--deskew": self.deskew})
         check_turn_time(self.turn_time, deskew=self.deskew)
+
+
+class Topics(OptionGroup, title="Inputs"):
+    """What is listened to."""
+
+    map_folder: Path = argument(..., "Map made by `maxcon map build`.", "MAP")
+    ros2: bool = flag(False, "Messages come by ROS 2 (DDS): the only way so far.")
+    domain: int = flag(0, "Domain of ROS 2.", metavar="N", min=0, max=232, envvar="ROS_DOMAIN_ID")
+    points: str = flag("/points", "Topic of the scans (PointCloud2).", metavar="TOPIC")
+    odometry: str = flag("/odom", "Topic of the odometry (Odometry).", metavar="TOPIC")
+    fix: str = flag(
+        "/fix", "Topic of the positions (NavSatFix), for maps with a CRS; heights are not used.", metavar="TOPIC"
+    )
+    mounting: Path | None = flag(None, "Where scanner, antenna and odometry are in the vehicle.", metavar="TOML")
+    at_stamp: AtStamp = False
+    deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
+
+
+class Outputs(OptionGroup, title="Output"):
+    """What is published."""
+
+    map_frame: str = flag("map", "Name of the map's local frame.", metavar="NAME")
+    map_spacing: float = flag(1.0, "Publish the map, a point per cube of this edge, m; 0: do not.", metavar="M", min=0)
+    tf_ahead: float = flag(0.2, "Stamp the transform so much later than its scan, for what comes next.", metavar="S")
 
 
 class MethodOptions(OptionGroup, title="Method"):

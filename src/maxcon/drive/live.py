@@ -22,9 +22,7 @@ from maxcon.errors import ArrayError, MapError, MaxconError, TrajectoryError
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
 from maxcon.geometry.arrays import as_points
-from maxcon.io.point_records import CloudPoints, are_returns
-from maxcon.io.point_times import PointTimes
-from maxcon.io.raw_scan import RawScan, scan_within
+from maxcon.io.raw_scan import RawScan
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.relocalization import Relocalizer
@@ -113,14 +111,16 @@ class LiveLocalizer:
         ArrayError if a shape is another, or a time is not finite.
         """
         found = as_points(points, "points")
-        kept = np.flatnonzero(are_returns(*found.T))
         offsets = None if point_times is None else np.asarray(point_times, dtype=np.float64)
         if not math.isfinite(time) or (offsets is not None and offsets.shape != (len(found),)):
             got = f"time {time} and {None if offsets is None else offsets.shape} point_times"
             raise ArrayError(f"Expected a finite time, and a time for each of {len(found)} points or none, got {got}.")
-        times = PointTimes(None if offsets is None else offsets[kept], "", "")
-        cloud = CloudPoints(found[kept], times, None, len(found), len(found) - len(kept), 0)
-        raw = scan_within(cloud, time, time, f"{time:.6f}", self.drive.min_range, self.drive.max_range)
+        ranges = np.sqrt(np.einsum("ij,ij->i", found, found))
+        kept = (ranges > 0.0) & (ranges >= self.drive.min_range) & (ranges <= self.drive.max_range)
+        raw = RawScan(
+            found[kept], time, f"{time:.6f}", len(found), 0, int(np.count_nonzero(~kept)),
+            point_times=None if offsets is None else offsets[kept],
+        )  # fmt: skip
         end = time if raw.point_times is None else time + float(raw.point_times.max(initial=0.0))
         self._inbox.add_scan(WaitingScan(time, end, clock.monotonic() if now is None else now, raw))
 
@@ -195,11 +195,15 @@ class LiveLocalizer:
         told = told if circle is None else self._doubted(told, circle)
         self._n_without = 0 if told.pose_global is not None else self._n_without + 1
         has_track = self._tracker.prediction is not None and motion is not None
-        is_due = not has_track or max(self._n_without, self._n_outside) % self.options.patience == 0
+        is_due = max(self._n_without, self._n_outside) % self.options.patience == 0
+        if not has_track:  # at first a position is waited for, to search around it
+            is_due = is_due or circle is not None or self._n_without == 1
         if told.pose_global is None and own is None and is_due and not read[1] and len(raw.points):
             told = self._found(told, read, circle, motion)
-        if told.estimate is not None and told.pose_global is not None and pose is not None and odometry is not None:
-            self._correction = told.estimate.pose @ pose.inverse
+        if told.pose_global is not None and told.estimate is not None:
+            self._n_without = 0
+            if pose is not None and odometry is not None:
+                self._correction = told.estimate.pose @ pose.inverse
         return told
 
     def _tracked(

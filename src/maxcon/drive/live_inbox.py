@@ -34,14 +34,14 @@ class LiveOptions:
     """
 
     delay: float = 0.05
-    queue: int = 3
+    queue: int = 2
     patience: int = 10
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.delay <= MEMORY or self.queue < 1 or self.patience < 1:
             raise OptionError(
                 f"Expected a delay of 0 to {MEMORY:g} s, a queue and a patience of 1 or more, got {self}. The defaults"
-                " are 0.05 s, 3 and 10."
+                " are 0.05 s, 2 and 10."
             )
 
 

@@ -3,14 +3,15 @@
 """A node of ROS 2 around a live localizer: what its messages mean."""
 
 import math
+import threading
 import time as clock
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from maxcon.cli.options import Outputs, Topics
+from maxcon.cli.terminal import warn
 from maxcon.drive.live import LiveAnswer, LiveLocalizer
 from maxcon.errors import FileError, MaxconError, OptionError
 from maxcon.geometry import Pose
@@ -23,41 +24,26 @@ from maxcon.io.recordings.contents import cloud_content, position_and_turn
 from maxcon.io.recordings.recording import frame_of, header_of, stamp_of
 from maxcon.io.recordings.transforms import numbers_of
 from maxcon.io.ros2_wire import Ros2Wire
-from maxcon.scan.mounting import Mounting
+from maxcon.scan.mounting import Mounting, read_mounting
 
 CLOUD, ODOMETRY, FIX = "sensor_msgs/msg/PointCloud2", "nav_msgs/msg/Odometry", "sensor_msgs/msg/NavSatFix"
 POSE, TRANSFORMS = "geometry_msgs/msg/PoseWithCovarianceStamped", "tf2_msgs/msg/TFMessage"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 OK, WARN, ERROR = 0, 1, 2  # levels of diagnostics
 UNSTATED_SIGMA = 5.0  # m, of a receiver that states none
+CUBES = (2**20,) * 3  # along each axis of a tile at most
 LISTEN = 0.1  # s between looks at whether the localizer still works
 
 
-@dataclass(frozen=True, slots=True)
-class NodeOptions:
-    """What is listened to and published; as the options of `maxcon live`."""
-
-    points: str = "/points"
-    odometry: str = "/odom"
-    fix: str = "/fix"
-    at_stamp: bool = False
-    deskew: bool = False
-    map_frame: str = "map"
-    map_spacing: float = 1.0
-    tf_ahead: float = 0.2
-    mounting: Mounting = field(default_factory=Mounting)
-
-    def __post_init__(self) -> None:
-        if self.mounting.scanners:
-            raise OptionError(f"Expected one scanner, [sensor], got {len(self.mounting.scanners)} in --mounting.")
-
-
 class Ros2Node:
-    """Hands messages to a localizer, and publishes its answers; `say` is called with lines for the user."""
+    """Hands messages to a localizer, and publishes its answers."""
 
-    def __init__(self, live: LiveLocalizer, wire: Ros2Wire, options: NodeOptions, say: Callable[[str], None]) -> None:
-        self._live, self._wire, self._options, self._say = live, wire, options, say
-        mounting, frame = options.mounting, live.map.frame
+    def __init__(self, live: LiveLocalizer, wire: Ros2Wire, topics: Topics, outputs: Outputs) -> None:
+        self._live, self._wire, self._topics, self._outputs = live, wire, topics, outputs
+        mounting = Mounting() if topics.mounting is None else read_mounting(topics.mounting)
+        if mounting.scanners:
+            raise OptionError(f"Expected one scanner, [sensor], in {topics.mounting}, got {len(mounting.scanners)}.")
+        frame = live.map.frame
         odometry, sensor = mounting.T_vehicle_odometry, mounting.T_vehicle_sensor
         self._T_odometry_sensor = None if odometry is None else odometry.inverse @ sensor
         self._lever = float(np.linalg.norm((mounting.T_vehicle_prior.inverse @ sensor).position))
@@ -72,38 +58,38 @@ class Ros2Node:
 
     def run(self) -> None:
         """Answer what comes until something is raised, by a signal for example."""
-        options = self._options
-        if options.map_spacing > 0.0:
-            self._publish_map(self._thinned_map(options.map_spacing))
-        topics = {options.points: (CLOUD, self.take_cloud), options.odometry: (ODOMETRY, self.take_odometry)}
+        if self._outputs.map_spacing > 0.0:
+            threading.Thread(target=self._publish_thinned_map, daemon=True).start()
+        names = self._topics
+        topics = {names.points: (CLOUD, self._take_cloud), names.odometry: (ODOMETRY, self._take_odometry)}
         if self._geographic is not None:
-            topics[options.fix] = (FIX, self.take_fix)
+            topics[names.fix] = (FIX, self._take_fix)
         for topic, (kind, take) in topics.items():
             self._wire.subscribe(topic, kind, take)
-        self._say(f"listening to {', '.join(topics)}; the map's origin is {' in '.join(self._frame_words.values())}")
+        warn(f"listening to {', '.join(topics)}; the map's origin is {' in '.join(self._frame_words.values())}")
         told: set[str] = set()
-        with self._live.working(self.publish) as thread:
+        with self._live.working(self._publish) as thread:
             while thread.is_alive():
                 try:
                     self._wire.listen(LISTEN)
                 except FileError as error:  # a message that is broken: others may not be
                     if str(error) not in told:
                         told.add(str(error))
-                        self._say(str(error))
+                        warn(str(error))
         raise MaxconError("The thread of the localizer has ended, for the reason above. Start it again.")
 
     # --- in ---------------------------------------------------------------------------------------------------
 
-    def take_cloud(self, message: Any) -> None:
+    def _take_cloud(self, message: Any) -> None:
         """Take a scan; FileError if it is broken."""
         stamp = stamp_of(message, 0)
-        with as_file_error(Path(self._options.points), "a point cloud"):
+        with as_file_error(Path(self._topics.points), "a point cloud"):
             cloud = decode_points(records_of_message(message), stamp)
-        middle = 0.0 if self._options.at_stamp else cloud.times.middle
-        offsets = None if cloud.times.offsets is None or not self._options.deskew else cloud.times.offsets - middle
+        middle = 0.0 if self._topics.at_stamp else cloud.times.middle
+        offsets = None if cloud.times.offsets is None or not self._topics.deskew else cloud.times.offsets - middle
         self._live.add_scan(stamp / 1e9 + middle, cloud.points, offsets)
 
-    def take_odometry(self, message: Any) -> None:
+    def _take_odometry(self, message: Any) -> None:
         """Take a pose of the odometry, as one of the scanner; none where it says nothing."""
         numbers = numbers_of(message.pose.pose.position, message.pose.pose.orientation)
         if not np.isfinite(numbers).all() or not any(numbers[3:]):
@@ -113,7 +99,7 @@ class Ros2Node:
         pose = pose if self._T_odometry_sensor is None else pose @ self._T_odometry_sensor
         self._live.add_odometry(stamp_of(message, 0) / 1e9, pose)
 
-    def take_fix(self, message: Any) -> None:
+    def _take_fix(self, message: Any) -> None:
         """Take a position, if it is one; the scanner is as far from it as from the antenna."""
         place = [float(message.latitude), float(message.longitude), 0.0]
         if self._geographic is None or message.status.status < 0 or not is_place(place):
@@ -126,16 +112,16 @@ class Ros2Node:
 
     # --- out --------------------------------------------------------------------------------------------------
 
-    def publish(self, answer: LiveAnswer) -> None:
+    def _publish(self, answer: LiveAnswer) -> None:
         """Publish an answer: its pose only if it is localized."""
-        epoch, time, frame = answer.epoch, answer.epoch.raw.time, self._options.map_frame
+        epoch, time, frame = answer.epoch, answer.epoch.raw.time, self._outputs.map_frame
         if epoch.pose_global is not None and epoch.estimate is not None:
             pose = position_and_turn(epoch.estimate.pose, ("position", "orientation"))
             content = {"pose": pose, "covariance": epoch.estimate.covariance.ravel()}
             self._publish_pose({"header": header_of(time, frame), "pose": content})
         if answer.T_map_odom is not None:
             transform = position_and_turn(answer.T_map_odom, ("translation", "rotation"))
-            header = header_of(time + self._options.tf_ahead, frame)
+            header = header_of(time + self._outputs.tf_ahead, frame)
             content = {"header": header, "child_frame_id": self._odom_frame, "transform": transform}
             self._publish_transforms({"transforms": [content]})
         latency = {"latency_ms": f"{1e3 * (clock.time() - time):.1f}", "localizer_ms": f"{epoch.milliseconds:.1f}"}
@@ -149,12 +135,17 @@ class Ros2Node:
         }
         self._publish_diagnostics({"header": header_of(time, frame), "status": [status]})
 
-    def _thinned_map(self, spacing: float) -> dict[str, Any]:
-        """The map with one point per cube of an edge, m."""
-        point_map = self._live.map
+    def _publish_thinned_map(self) -> None:
+        """Publish the map with one point per cube; it may take minutes to read."""
+        point_map, spacing = self._live.map, self._outputs.map_spacing
         kept = [np.empty((0, 3))]
-        for key in sorted(point_map.tile_keys):
-            points = point_map.tile(key).mean_points(point_map.cell)
-            kept.append(points[np.unique(np.floor(points / spacing), axis=0, return_index=True)[1]])
+        try:
+            for key in sorted(point_map.tile_keys):
+                points = point_map.tile(key).mean_points(point_map.cell)
+                cubes = np.ravel_multi_index(np.floor((points - points.min(axis=0)) / spacing).astype(int).T, CUBES)
+                kept.append(points[np.unique(cubes, return_index=True)[1]])
+        except MaxconError as error:
+            warn(f"no map is published: {error}")
+            return
         content = cloud_content(dict(zip("xyz", np.concatenate(kept).T, strict=True)))
-        return {"header": header_of(clock.time(), self._options.map_frame), **content}
+        self._publish_map({"header": header_of(clock.time(), self._outputs.map_frame), **content})
