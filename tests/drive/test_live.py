@@ -239,14 +239,17 @@ class Walk:
         self.live = LiveLocalizer(town.map, options=LiveOptions(patience=3))
 
     def go(self, start, steps, *, position=None):
-        """Answers of scans on the way from a pose (x, y, heading); all that are localized are right."""
+        """Answers of scans on the way from a pose (x, y, heading); all that are localized are right.
+
+        position: of a receiver, off by so much, m.
+        """
         answers = []
         for k in range(steps):
             at, self.step = 0.1 * self.step, self.step + 1
+            pose = self.town.pose(*start) @ Pose(0.3 * k, 0.0, 0.0, 0.0, 0.0, 0.0)
             self.live.add_odometry(at, Pose(0.3 * self.step, 0.0, 0.0, 0.0, 0.0, 0.0))
             if position is not None:
-                self.live.add_position(at, *position, 3.0)
-            pose = self.town.pose(*start) @ Pose(0.3 * k, 0.0, 0.0, 0.0, 0.0, 0.0)
+                self.live.add_position(at, pose.x + position[0], pose.y + position[1], 0.5)
             self.live.add_scan(at, self.town.scan(pose, self.step).points, now=0.0)
             answers += self.live.answers(0.0)
             if answers[-1].epoch.pose_global is not None:
@@ -271,20 +274,21 @@ def test_it_starts_lost_is_carried_away_and_found_again(town):
 
 def test_around_a_position_it_is_found_and_by_positions_doubted(town):
     walk = Walk(town)
-    is_localized, answers = walk.go(HERE, 4, position=(-10.0, 13.0))
-    assert answers[0].epoch.reason.startswith("found in 14 m around the last position")
-    assert is_localized[2:] == [True] * 2
-    here = town.pose(*HERE) @ Pose(1.2, 0.0, 0.0, 0.0, 0.0, 0.0)
-    is_localized, answers = walk.go((here.x, here.y, here.heading), 3, position=(25.0, 13.0))
-    assert is_localized == [True, True, False]
+    is_localized, answers = walk.go(HERE, 14, position=(1.0, 1.0))
+    assert answers[0].epoch.reason.startswith("found in 2 m around the last position")
+    assert answers[4].epoch.reason.endswith("to be confirmed by positions over 2 m")
+    assert is_localized[-3:] == [True] * 3  # after 2.5 m
+    here = town.pose(*HERE) @ Pose(0.3 * 14, 0.0, 0.0, 0.0, 0.0, 0.0)
+    is_localized, answers = walk.go((here.x, here.y, here.heading), 3, position=(5.0, 0.0))
+    assert is_localized == [True, False, False]
     assert (answers[-1].epoch.status, answers[-1].epoch.pose_global) == (Status.LOST, None)
-    assert "the last 3 positions were more than 14 m away; searched 14 m around" in answers[-1].epoch.reason
+    assert answers[-1].epoch.reason == "3 positions in a row were more than 2 m away"
 
 
 def test_where_a_position_is_off_the_map_it_is_said(town):
     _, (answer,) = Walk(town).go(HERE, 1, position=(900.0, 0.0))
     assert answer.epoch.status is Status.LOST
-    assert "Expected ground of the map within 14 m" in answer.epoch.reason
+    assert "Expected ground of the map within 2.5 m" in answer.epoch.reason
 
 
 def test_without_odometry_each_scan_is_found_by_itself(town):

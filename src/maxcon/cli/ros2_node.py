@@ -141,9 +141,11 @@ class Ros2Node:
         kept = [np.empty((0, 3))]
         try:
             for key in sorted(point_map.tile_keys):
+                began = clock.perf_counter()
                 points = point_map.tile(key).mean_points(point_map.cell)
                 cubes = np.ravel_multi_index(np.floor((points - points.min(axis=0)) / spacing).astype(int).T, CUBES)
                 kept.append(points[np.unique(cubes, return_index=True)[1]])
+                clock.sleep(clock.perf_counter() - began)  # scans come first
         except MaxconError as error:
             warn(f"no map is published: {error}")
             return

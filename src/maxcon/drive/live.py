@@ -8,8 +8,9 @@ import math
 import threading
 import time as clock
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,16 +29,19 @@ from maxcon.map import PointMap
 from maxcon.relocalization import Relocalizer
 from maxcon.scan.deskew import deskew
 from maxcon.scan.trajectory import Trajectory
+from maxcon.search.coarse import CELL
 
-# A prior is moved on by the odometry for so long, and a position used for so long, s, by a vehicle of at most this
-# speed, m/s; beside so many of its sigmas it may be off by this, m.
-LONGEST_AGE, FASTEST, SIGMAS, ROOM = 2.0, 30.0, 3.0, 5.0
+# A prior is moved on by the odometry for so long, and a position used for so long, s; without odometry the vehicle may
+# have driven at this speed since, m/s. Beside so many of its sigmas a position may be off by this, m.
+LONGEST_AGE, FASTEST, SIGMAS, ROOM = 2.0, 30.0, 3.0, 1.0
+# So many positions in a row that are off are believed.
+FEWEST_OFF = 2
 # What is known of a place that was found without a prior, before it is tracked: x, y, z (m), roll, pitch and heading.
 START = np.diag(np.square([0.1, 0.1, 1.0, *np.radians([1.0, 1.0, 0.5])]))
 
 LOOK_EVERY = 0.005  # s between looks at whether a scan has waited long enough
+METRES_AHEAD = 150.0  # tiles are read before they are needed, m around the vehicle
 
-Circle = tuple[tuple[float, float], float]
 Read = tuple[RawScan, str]
 
 
@@ -53,6 +57,24 @@ class LiveAnswer:
     epoch: EpochEstimate
     T_map_odom: Pose | None
     counts: LiveCounts
+
+
+class _Around(NamedTuple):
+    """The last position, how far it may be off, m, and where the sensor was then, seen from where it is."""
+
+    position: Position
+    reach: float
+    moved: Pose
+
+    @property
+    def circle(self) -> tuple[tuple[float, float], float]:
+        """Middle and radius (m) of a circle in which the sensor is."""
+        return (self.position.x, self.position.y), self.reach + math.hypot(self.moved.x, self.moved.y)
+
+    def is_off(self, pose: Pose) -> bool:
+        """Whether the position speaks against a pose of the sensor now."""
+        then = pose @ self.moved
+        return math.hypot(then.x - self.position.x, then.y - self.position.y) > self.reach
 
 
 class LiveLocalizer:
@@ -88,6 +110,8 @@ class LiveLocalizer:
         self._inbox = LiveInbox(self.options)
         self._n_restarts = 0
         self._correction: Pose | None = None
+        self._tiles_read: set[tuple[float, tuple[int, int]]] = set()  # ahead, by cell and key
+        self._last_position = -math.inf  # time of the last one that was compared with a pose, s
         self._begin()
 
     def _begin(self, start: UncertainPose | None = None) -> None:
@@ -95,7 +119,9 @@ class LiveLocalizer:
         self._tracker = Tracker(self._method, self._noise, start=start)
         # Time and pose of the last scan whose motion was known, and whether by odometry.
         self._before: tuple[float, Pose, bool] | None = None
-        self._n_without, self._n_outside = 1, 0  # scans in a row without a place; away from the positions
+        self._n_without, self._n_off = 1, 0  # scans in a row without a place, positions in a row that are off
+        # m; until the place that was found is believed, and driven since the last position
+        self._to_confirm, self._way = 0.0, 0.0
 
     # --- what comes in ----------------------------------------------------------------------------------------
 
@@ -155,9 +181,13 @@ class LiveLocalizer:
         ended = threading.Event()
 
         def work() -> None:
+            place: Pose | None = None
             while not ended.is_set():
                 for answer in self.answers():
                     tell(answer)
+                    place = place if answer.epoch.estimate is None else answer.epoch.estimate.pose
+                if place is not None:
+                    self._read_ahead(place)
                 with self._inbox.changed:
                     self._inbox.changed.wait(LOOK_EVERY)
 
@@ -168,6 +198,16 @@ class LiveLocalizer:
         finally:
             ended.set()
             thread.join()
+
+    def _read_ahead(self, place: Pose) -> None:
+        """Read one of the tiles around that are not there yet, before a scan has to wait for it."""
+        for point_map in (self.map, self.map.nearest_level(CELL)):
+            for key in point_map.keys_within(place.x, place.y, METRES_AHEAD):
+                if (point_map.cell, key) not in self._tiles_read:
+                    self._tiles_read.add((point_map.cell, key))
+                    with suppress(MapError):  # it is said where the tile is needed
+                        point_map.tile(key)
+                    return
 
     def answer(self, now: float | None = None) -> LiveAnswer | None:
         """Return the answer for the next scan; None if none waits, or the first one still has to."""
@@ -191,19 +231,19 @@ class LiveLocalizer:
         own = None if priors is None else self._prior_at(raw.time, priors, odometry)
         read = self._deskewed(raw, source)
         told = self._tracked(taken.number, read, own, motion)
-        circle = self._circle(taken.position, raw.time)
-        told = told if circle is None else self._doubted(told, circle)
+        around = self._around(taken.position, raw.time, pose, odometry)
         self._n_without = 0 if told.pose_global is not None else self._n_without + 1
-        has_track = self._tracker.prediction is not None and motion is not None
-        is_due = max(self._n_without, self._n_outside) % self.options.patience == 0
-        if not has_track:  # at first a position is waited for, to search around it
-            is_due = is_due or circle is not None or self._n_without == 1
+        is_due = self._n_without > 0 and self._n_without % self.options.patience == 0
+        if self._tracker.prediction is None or motion is None:  # at first a position is waited for
+            is_due = is_due or around is not None or self._n_without == 1
         if told.pose_global is None and own is None and is_due and not read[1] and len(raw.points):
-            told = self._found(told, read, circle, motion)
-        if told.pose_global is not None and told.estimate is not None:
-            self._n_without = 0
-            if pose is not None and odometry is not None:
-                self._correction = told.estimate.pose @ pose.inverse
+            told, motion = self._found(told, read, around, motion), None
+        if told.pose_global is None or told.estimate is None:
+            return told
+        self._n_without = 0
+        told = told if around is None or own is not None else self._doubted(told, told.estimate.pose, around, motion)
+        if told.pose_global is not None and pose is not None and odometry is not None and told.estimate is not None:
+            self._correction = told.estimate.pose @ pose.inverse
         return told
 
     def _tracked(
@@ -250,24 +290,38 @@ class LiveLocalizer:
 
     # --- doubts -----------------------------------------------------------------------------------------------
 
-    def _circle(self, position: Position | None, time: float) -> Circle | None:
-        """Middle and radius (m) of the circle in which the sensor is by the last position; None if there is none."""
+    def _around(
+        self, position: Position | None, time: float, pose: Pose | None, odometry: Trajectory | None
+    ) -> _Around | None:
+        """Where the sensor is by the last position, if that is not too old, and by the odometry since."""
         if position is None or abs(position.time - time) > LONGEST_AGE:
             return None
-        return (position.x, position.y), SIGMAS * position.sigma + ROOM + FASTEST * abs(position.time - time)
+        reach = SIGMAS * position.sigma + ROOM
+        then = None if odometry is None or pose is None else pose_near(odometry, position.time, self.drive.max_gap)
+        if then is None or pose is None:
+            return _Around(position, reach + FASTEST * abs(position.time - time), Motion.none().pose)
+        return _Around(position, reach, pose.inverse @ then)
 
-    def _doubted(self, told: EpochEstimate, circle: Circle) -> EpochEstimate:
-        """The answer, but lost where it has been outside of the circle of the positions for too long."""
-        (x, y), radius = circle
-        place = None if told.estimate is None else told.estimate.pose
-        is_outside = place is not None and math.hypot(place.x - x, place.y - y) > radius
-        self._n_outside = self._n_outside + 1 if is_outside else 0
-        if self._n_outside < self.options.patience:
-            return told
-        return _lost(told, f"the last {self._n_outside} positions were more than {radius:.0f} m away")
+    def _doubted(self, told: EpochEstimate, pose: Pose, around: _Around, motion: Motion | None) -> EpochEstimate:
+        """The answer with a pose, but lost where the positions speak against it, or have not confirmed it so far."""
+        self._way += 0.0 if motion is None else motion.distance
+        if around.position.time != self._last_position:  # each speaks once
+            self._last_position = around.position.time
+            self._n_off = self._n_off + 1 if around.is_off(pose) else 0
+            self._to_confirm -= self._way
+            self._way = 0.0
+        if self._n_off >= (1 if self._to_confirm > 0.0 else FEWEST_OFF):
+            why = f"{self._n_off} positions in a row were more than {around.reach:.0f} m away"
+            if self._to_confirm > 0.0 or self._n_off >= self.options.patience:
+                self._begin()
+            return _lost(told, why)
+        if self._to_confirm > 0.0:
+            return _lost(told, f"to be confirmed by positions over {self._to_confirm:.0f} m")
+        return told
 
-    def _found(self, told: EpochEstimate, read: Read, circle: Circle | None, motion: Motion | None) -> EpochEstimate:
-        """The answer with the place of the scan in the whole map or a circle, where a track begins."""
+    def _found(self, told: EpochEstimate, read: Read, around: _Around | None, motion: Motion | None) -> EpochEstimate:
+        """The answer with the place of the scan in the whole map, or around a position, where a track begins."""
+        circle = None if around is None else around.circle
         where = "the whole map" if circle is None else f"{circle[1]:.0f} m around the last position"
         if self._relocalizer is None:
             return _lost(told, "the map has no ground, to search it without a prior")
@@ -284,6 +338,8 @@ class LiveLocalizer:
         before = self._before
         self._begin(UncertainPose(estimate.pose, START))
         self._before = before
+        # The other direction of a street may look alike: positions have to agree over as much as they may be off.
+        self._to_confirm = 0.0 if around is None else around.reach
         begun = self._tracked(told.epoch, read, None, Motion.none())
         return replace(begun, reason="; ".join(filter(None, [reason, begun.reason])))
 
