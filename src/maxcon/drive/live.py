@@ -241,7 +241,7 @@ class LiveLocalizer:
         if told.pose_global is None or told.estimate is None:
             return told
         self._n_without = 0
-        told = told if around is None or own is not None else self._doubted(told, told.estimate.pose, around, motion)
+        told = told if own is not None else self._doubted(told, told.estimate.pose, around, motion)
         if told.pose_global is not None and pose is not None and odometry is not None and told.estimate is not None:
             self._correction = told.estimate.pose @ pose.inverse
         return told
@@ -302,16 +302,16 @@ class LiveLocalizer:
             return _Around(position, reach + FASTEST * abs(position.time - time), Motion.none().pose)
         return _Around(position, reach, pose.inverse @ then)
 
-    def _doubted(self, told: EpochEstimate, pose: Pose, around: _Around, motion: Motion | None) -> EpochEstimate:
+    def _doubted(self, told: EpochEstimate, pose: Pose, around: _Around | None, motion: Motion | None) -> EpochEstimate:
         """The answer with a pose, but lost where the positions speak against it, or have not confirmed it so far."""
         self._way += 0.0 if motion is None else motion.distance
-        if around.position.time != self._last_position:  # each speaks once
+        if around is not None and around.position.time != self._last_position:  # each speaks once
             self._last_position = around.position.time
             self._n_off = self._n_off + 1 if around.is_off(pose) else 0
             self._to_confirm -= self._way
             self._way = 0.0
         if self._n_off >= (1 if self._to_confirm > 0.0 else FEWEST_OFF):
-            why = f"{self._n_off} positions in a row were more than {around.reach:.0f} m away"
+            why = f"{self._n_off} positions in a row speak against it"
             if self._to_confirm > 0.0 or self._n_off >= self.options.patience:
                 self._begin()
             return _lost(told, why)
@@ -347,4 +347,5 @@ class LiveLocalizer:
 def _lost(told: EpochEstimate, why: str) -> EpochEstimate:
     """The answer as one that may not be used."""
     reason = "; ".join(filter(None, [told.reason, why]))
-    return replace(told, status=Status.LOST, reason=reason, pose_global=None)
+    estimate = None if told.estimate is None else replace(told.estimate, status=Status.LOST)
+    return replace(told, status=Status.LOST, reason=reason, estimate=estimate, pose_global=None)
