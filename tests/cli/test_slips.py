@@ -70,6 +70,13 @@ def test_what_would_fit_is_said_where_nothing_does(localized, priors, prior_rows
     assert "0 of 4 epochs localized" in ended.out and f"3 of 3 tried would be localized were {words}" in ended.out
 
 
+def test_how_high_a_prior_lies_is_always_said_and_what_is_wrong_with_it(localized, priors):
+    assert "the prior lies 2.0 m above the map's ground\n" in localized(rows_of(priors, lambda pose: pose)).out
+    ended = localized(rows_of(priors, lambda pose: pose.translated([0.0, 0.0, 9.0])))
+    assert "4 of 4 epochs localized" not in ended.out and "the prior lies 11.0 m above the map's ground\n" in ended.out
+    assert "were the prior some 9 m lower: is its z that of another point, or another height reference?" in ended.out
+
+
 @pytest.mark.parametrize("frame", ["global coordinates", "the map's local frame"])
 def test_scans_that_are_in_the_map_already(localized, drive, tmp_path, frame):
     origin = np.array(PointMap.open(drive.city).frame.origin) * (frame != "global coordinates")

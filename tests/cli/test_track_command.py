@@ -52,6 +52,15 @@ def test_a_drive_is_tracked_with_odometry(localize, dense, odometry, tmp_path):
     assert ended.code == 2 and "late.txt" in ended.err and "Expected poses of the odometry" in ended.err
 
 
+def test_odometry_that_jumps_is_said_and_trusted_less(localize, dense, odometry, tmp_path):
+    told, jumps = read_trajectory(odometry), tmp_path / "jumps.txt"
+    off = np.random.default_rng(0).uniform(-1.0, 1.0, told.positions.shape) * [1.0, 1.0, 0.0]
+    write_tum(jumps, Trajectory(told.times, told.positions + off, told.quaternions_xyzw))
+    ended = localize("--track", "--odometry", jumps, scans=dense.scans, prior=dense.prior)
+    assert ended.out.startswith("the odometry jumps as no vehicle does")
+    assert {row["status"] for row in rows_of(tmp_path / "poses.csv")[-4:]} == {"localized"}
+
+
 def test_the_prior_s_own_motion_does_without_odometry(localize, dense, tmp_path):
     ended = localize("--track", scans=dense.scans, prior=dense.prior)
     assert ended.err == ""

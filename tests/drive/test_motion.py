@@ -3,6 +3,7 @@
 """Motions, put together, and how well they are known; the filter's two equations against plain NumPy."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,6 +86,20 @@ def test_a_prior_is_as_good_a_source_as_it_is_smooth(step):
     increment = Motion(Pose(5.0 * step, 0.0, 0.0, 0.0, 0.0, 0.0), 5.0 * step, step, 0.0)
     of_one_axis = 2.5 / math.sqrt(3.0) * math.sqrt(2.0)  # of a difference of two uniform errors
     assert math.sqrt(jumping.covariance(increment)[0, 0]) >= of_one_axis
+
+
+def test_odometry_that_jumps_is_trusted_no_farther():
+    """Jumps are told from braking and steering, however far apart poses are."""
+    rng, share = np.random.default_rng(0), MotionNoise(share=0.005)
+    for step in (0.01, 0.1, 1.0):
+        braking = np.column_stack([3.0 * np.sin(step * np.arange(200)), np.zeros(200)])  # up to 3 m/s^2
+        assert MotionNoise.of_odometry(drive(200, step, braking), 0.005) == share
+    jumping = drive(200, 0.1, rng.normal(0.0, 0.3, (200, 2)))
+    assert MotionNoise.of_odometry(jumping, 0.005) == replace(MotionNoise.of_prior(jumping), share=0.005)
+    assert MotionNoise.of_odometry(jumping).walk > 1.0
+    rarely = np.cumsum(2.0 * (rng.uniform(size=(200, 2)) < 0.02), axis=0)
+    assert MotionNoise.of_odometry(drive(200, 0.1, rarely)) != MotionNoise()
+    assert MotionNoise.of_odometry(drive(1, 0.1, np.zeros((1, 2)))) == MotionNoise()
 
 
 def test_few_poses_have_the_usual_noise_and_standard_deviations_are_not_negative():

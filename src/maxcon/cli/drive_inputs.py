@@ -5,12 +5,10 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +16,7 @@ import numpy as np
 
 from maxcon._system.engine import Engine, in_order_of
 from maxcon.cli.flags import check_exclusive, check_needs
+from maxcon.cli.objectives import parse_objective
 from maxcon.cli.options import (
     LARGEST_HALF_WIDTH,
     SIGMAS,
@@ -50,7 +49,6 @@ from maxcon.map import PointMap
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED
 from maxcon.scan.mounting import Mounting, read_mounting
 from maxcon.scan.trajectory import Trajectory
-from maxcon.search.objectives import Objective, as_objective
 from maxcon.search.space import PAPER_STEP_DEG, SearchSpace, rounded_up
 
 
@@ -83,6 +81,8 @@ class DriveOpener:
         prior = _prior(point_map, entry, self.recording, mounting, frame)
         odometry, odometry_words = _odometry(entry.odometry, self.recording, mounting, frame)
         words = [*_words_of(scans, quiet), prior.words, odometry_words]
+        if self.is_track and odometry is not None and MotionNoise.of_odometry(odometry) != MotionNoise():
+            words.append("the odometry jumps as no vehicle does: it is trusted that much less")
         if self.motion.deskew:
             source = prior.trajectory if odometry is None else odometry
             scans = DeskewedScans(scans, source, self.drive.max_gap, self.motion.turn_time)
@@ -150,8 +150,8 @@ class OpenedDrive:
             return self.drive.estimates(first, len(self.scans) if last is None else last, self.opener.threads)
 
         prior, drift = self.prior.trajectory, self.opener.motion.drift
-        noise = MotionNoise() if drift is None else MotionNoise(share=drift)
-        tracker = Tracker(self.method, MotionNoise.of_prior(prior) if self.odometry is None else noise)
+        noise = MotionNoise.of_prior(prior) if self.odometry is None else MotionNoise.of_odometry(self.odometry, drift)
+        tracker = Tracker(self.method, noise)
         with self._naming_files():
             return track_drive(self.point_map, self.scans, prior, tracker, self.odometry, self.opener.drive)
 
@@ -324,28 +324,3 @@ def _within_sigmas(
         return None
     largest = LARGEST_HALF_WIDTH if given.largest_half_width is None else given.largest_half_width
     return WithinSigmas(method, prior, SIGMAS if given.sigmas is None else given.sigmas, largest, max_gap)
-
-
-def parse_objective(word: str) -> Objective:
-    """Return the objective of a name, or one's own, "package.module:Name": a class or an object.
-
-    Modules are looked for in the working folder, too. OptionError if there is none.
-    """
-    module_name, colon, name = word.partition(":")
-    if not colon:
-        return as_objective(word)
-    sys.path.insert(0, "")
-    try:
-        found = getattr(import_module(module_name), name)
-        return as_objective(found() if isinstance(found, type) else found)
-    except OptionError:
-        raise
-    except Exception as error:  # the user's own code may fail in any way
-        raise OptionError(
-            f"Expected {word!r} to name an objective in a module that can be imported, got"
-            f" {type(error).__name__}: {error}. Write it as package.module:Name."
-        ) from error
-    finally:
-        sys.path.remove("")
-        if "" not in sys.path:
-            sys.path.append("")  # where workers look for it, too

@@ -22,7 +22,7 @@ from maxcon.cli.drive_inputs import DriveOpener, OpenedDrive
 from maxcon.cli.map_words import assumed_words, sigma_words
 from maxcon.cli.options import TableOptions
 from maxcon.cli.terminal import Stop, compiling_told, step_bars
-from maxcon.drive.diagnosis import alternative_that_fits, heights_in_words
+from maxcon.drive.diagnosis import above_ground, alternative_that_fits, heights_in_words
 from maxcon.drive.localize import EpochEstimate
 from maxcon.drive.many import ManyDrivesJob, localize_drives, read_drives
 from maxcon.drive.poses_table import GrowingTable, RowsThere, localized_trajectory, rows_there
@@ -295,13 +295,10 @@ def report_drive(
 
 
 def print_alternative(drive: OpenedDrive, epochs: list[EpochEstimate]) -> None:
-    """Say what prior or scans would have to mean for epochs to fit better."""
-    is_any_localized = any(epoch.pose_global is not None for epoch in epochs)
-    priors = [epoch.prior for epoch in epochs if epoch.prior is not None and not is_any_localized]
-    words = heights_in_words(drive.point_map, priors) or alternative_that_fits(
-        drive.point_map, drive.scans, epochs, drive.searching, drive.opener.drive
-    )
-    if words:
+    """Say how high the prior lies above the ground, and what it or scans would have to mean to fit better."""
+    priors = np.array([epoch.prior.position for epoch in epochs if epoch.prior is not None]).reshape(-1, 3)
+    fits = alternative_that_fits(drive.point_map, drive.scans, epochs, drive.searching, drive.opener.drive)
+    for words in filter(None, (heights_in_words(above_ground(drive.point_map, priors)), fits)):
         typer.echo(words)
 
 

@@ -22,6 +22,7 @@ from maxcon.scan.trajectory import Trajectory
 
 LOWEST, HIGHEST = -5.0, 12.0
 """A sensor on a vehicle, and the errors of its receiver, lie between these above the ground, m."""
+USUAL, FAR_OFF = 1.9, 2.0  # m above the ground, of a sensor on a car; farther off, a prior is tried at that height
 REACH, N_POSES = 5.0, 50
 MOST_TRIED = 3  # epochs; all of them must fit better
 CLEARLY, FEW_REFUSED = 1.05, 0.8
@@ -37,8 +38,8 @@ def check_heights(point_map: PointMap, prior: Trajectory, *, are_orthometric: bo
     TrajectoryError if the median of some poses inside the map does; without ground in the map there is nothing to tell.
     The prior is in global coordinates, its heights above the geoid (`are_orthometric`) or the ellipsoid.
     """
-    median = _above_ground(point_map, point_map.frame.to_local(prior.positions))
-    if LOWEST <= median <= HIGHEST:
+    median = above_ground(point_map, point_map.frame.to_local(prior.positions))
+    if not (median < LOWEST or median > HIGHEST):
         return
     kind = "ellipsoidal heights of the receiver"
     advice = (
@@ -54,20 +55,22 @@ def check_heights(point_map: PointMap, prior: Trajectory, *, are_orthometric: bo
     )
 
 
-def heights_in_words(point_map: PointMap, priors: Sequence[Pose]) -> str:
-    """Return what may be wrong with the heights of priors, local frame; empty if they are near the map's ground."""
-    median = _above_ground(point_map, np.array([prior.position for prior in priors]).reshape(-1, 3))
-    if LOWEST <= median <= HIGHEST:
+def heights_in_words(median: float) -> str:
+    """Return how high a prior lies above the map's ground (m), and what may be wrong; empty where it is not known."""
+    if math.isnan(median):
         return ""
-    side, kind, other = ("above", "ellipsoid", "geoid") if median > 0.0 else ("below", "geoid", "ellipsoid")
+    words = f"the prior lies {abs(median):.1f} m {'above' if median >= 0.0 else 'below'} the map's ground"
+    if LOWEST <= median <= HIGHEST:
+        return words
+    kind, other = ("ellipsoid", "geoid") if median > 0.0 else ("geoid", "ellipsoid")
     return (
-        f"the prior lies {abs(median):.1f} m {side} the map's ground. Are its heights above the {kind}, and the map's"
-        f" above the {other}? Take about {median - 2.0:.0f} m off its z"
+        f"{words}. Are its heights above the {kind}, and the map's above the {other}? Take about {median - 2.0:.0f} m"
+        " off its z"
     )
 
 
-def _above_ground(point_map: PointMap, positions: NDArray[np.float64]) -> float:
-    """Median height above the map's ground of some of the positions (local frame), m; 0 where no ground is known."""
+def above_ground(point_map: PointMap, positions: NDArray[np.float64]) -> float:
+    """Return the median height above the map's ground of some positions, (n, 3), local frame, m; NaN if unknown."""
     above = []
     for x, y, z in positions[:: max(1, len(positions) // N_POSES)].tolist():
         if point_map.covers(x, y, REACH):
@@ -75,7 +78,7 @@ def _above_ground(point_map: PointMap, positions: NDArray[np.float64]) -> float:
             known = heights[np.isfinite(heights)]
             if len(known):
                 above.append(z - float(np.median(known)))
-    return float(np.median(above)) if above else 0.0
+    return float(np.median(above)) if above else math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,22 +113,30 @@ def _turn(words: str, roll_deg: float, heading_deg: float) -> Alternative:
     )
 
 
+def _lower(off: float) -> Alternative:
+    side = "lower" if off > 0.0 else "higher"
+    return Alternative(
+        f"were the prior some {abs(off):.0f} m {side}: is its z that of another point, or another height reference?",
+        lambda prior: prior.translated([0.0, 0.0, -off]),
+    )
+
+
 MIRRORED = Alternative(
     "were the scans not mirrored: turn the sign of their y", points=lambda points, prior, origin: points * [1, -1, 1]
 )
 ALTERNATIVES = (
     Alternative("were the quaternions of the prior qw qx qy qz: write them as qx qy qz qw", _scalar_first),
+    _turn("turned by 90 degrees to the left", 0.0, 90.0),
+    _turn("turned by 90 degrees to the right", 0.0, -90.0),
+    _turn("turned by 180 degrees", 0.0, 180.0),
+    _turn("upside down", 180.0, 0.0),
+    _turn("upside down and turned by 180 degrees", 180.0, 180.0),
     Alternative(
         "were the headings of the prior those of a compass: a heading is 90 degrees less a bearing", _of_compass
     ),
     Alternative(
         "were the angles of the prior in degrees: name their columns roll_deg, pitch_deg, heading_deg", _of_degrees
     ),
-    _turn("turned by 90 degrees to the left", 0.0, 90.0),
-    _turn("turned by 90 degrees to the right", 0.0, -90.0),
-    _turn("turned by 180 degrees", 0.0, 180.0),
-    _turn("upside down", 180.0, 0.0),
-    _turn("upside down and turned by 180 degrees", 180.0, 180.0),
     MIRRORED,
     Alternative(
         "were the scans in millimetres: divide their coordinates by 1000",
@@ -160,7 +171,8 @@ def alternative_that_fits(
         return ""
     are_fine = n_localized >= FEW_REFUSED * len(epochs)
     scores: dict[str, float] = {}
-    for alternative in (MIRRORED,) if are_fine else ALTERNATIVES:
+    off = above_ground(point_map, np.array([epoch.prior.position for epoch, _ in tried if epoch.prior])) - USUAL
+    for alternative in (MIRRORED,) if are_fine else (*ALTERNATIVES, *([_lower(off)] if abs(off) > FAR_OFF else ())):
         found = [_score(alternative, epoch, raw, point_map, method, options) for epoch, raw in tried]
         own = [epoch.estimate.score if epoch.estimate and epoch.pose_global else 0.0 for epoch, _ in tried]
         are_higher = all(score > before for score, before in zip(found, own, strict=True))
@@ -168,7 +180,8 @@ def alternative_that_fits(
             scores[alternative.words] = sum(found)
     if scores:
         verb = "fit better" if n_localized else "be localized"
-        return f"{len(tried)} of {len(tried)} tried would {verb} {max(scores, key=lambda words: scores[words])}"
+        best = [words for words in scores if CLEARLY * scores[words] >= max(scores.values())]
+        return f"{len(tried)} of {len(tried)} tried would {verb} {'; or '.join(best)}"
     return "" if n_localized else "meant otherwise (axes, angles, frames) they are not localized either"
 
 

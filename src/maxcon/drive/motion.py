@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
@@ -18,6 +18,10 @@ from maxcon.scan.trajectory import Trajectory
 # Of a heading that is wrong by s at the end of a motion and grew evenly or at random, the position at the end is
 # off by up to s / sqrt(3) of the way.
 WAY_OF_TURN = 1.0 / math.sqrt(3.0)
+# Odometry jumps that is so far from smooth, m and degrees per square root of a second, far more than wheels slip; and
+# farther than by braking and steering all the time, m/s^2 and degrees/s^2.
+JUMPS, JUMPS_DEG = 0.2, 5.0
+HARDEST, HARDEST_TURN_DEG = 2.5, 40.0
 PLANAR = [0, 1, 5]  # x, y and heading among x, y, z, roll, pitch and heading
 
 
@@ -111,6 +115,19 @@ class MotionNoise:
         walk, turn = (float(np.sqrt(np.mean(errors**2))) for errors in (jumps, turns))
         usual = cls()
         return cls(walk=max(usual.walk, walk), heading_walk_deg=max(usual.heading_walk_deg, math.degrees(turn)))
+
+    @classmethod
+    def of_odometry(cls, odometry: Trajectory, share: float | None = None) -> Self:
+        """Return the noise of odometry: the usual, with another share of the way, or what is measured where it jumps.
+
+        It jumps where it is farther from smooth than a vehicle's acceleration explains, as a receiver's positions do.
+        """
+        usual, measured = cls() if share is None else cls(share=share), cls.of_prior(odometry)
+        step = float(np.median(np.diff(odometry.times))) if len(odometry) > 1 else 0.0
+        by_driving = math.sqrt(0.5 * step) * step * np.array([HARDEST, HARDEST_TURN_DEG])
+        limits = np.maximum(by_driving, [JUMPS, JUMPS_DEG])
+        jumps = bool((np.array([measured.walk, measured.heading_walk_deg]) > limits).any())
+        return replace(measured, share=usual.share) if jumps else usual
 
     def covariance(self, motion: Motion) -> NDArray[np.float64]:
         """Covariance of a motion's x, y, z, roll, pitch and heading, in its own axes, shape (6, 6), m^2 and rad^2."""
