@@ -30,7 +30,7 @@ def test_what_cannot_be_exported_is_one_line(maxcon, refused, poses, drive, tmp_
         (("-o", poses), ["another file"]),
         (("-o", tmp_path / "b.laz"), ["--scans for"]),
         (("-o", tmp_path / "b.shp", "--scans", drive.dataset.scans), [".gpkg", ".laz or .las", "'.shp'"]),
-        (("-o", tmp_path / "b.tum", "--scans", drive.dataset.scans), [".laz or .las file"]),
+        (("-o", tmp_path / "b.tum", "--scans", drive.dataset.scans), [".laz or .las or .mcap or .rrd file"]),
         (("-o", tmp_path / "b.kml", "--drive", "a"), ["a folder of many drives"]),
     ):
         refused(maxcon("export", poses, *options), *words)

@@ -176,7 +176,7 @@ def test_mcap(table, tmp_path):
             content = store.deserialize_cdr(message.data, schema.name)
             found.setdefault(channel.topic, []).append((message.log_time, content))
     assert {topic: len(messages) for topic, messages in found.items()} == {
-        "/tf_static": 1, "/pose": 2, "/tf": 2, "/fix": 2,
+        "/tf_static": 1, "/pose": 2, "/tf": 2, "/fix": 2, "/status": 3,
     }  # fmt: skip
     time, pose = found["/pose"][1]
     assert time == 12_000_000_000 and pose.header.frame_id == "map"

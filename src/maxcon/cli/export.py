@@ -13,6 +13,7 @@ from maxcon.errors import FileError, MapError, OptionError
 
 if TYPE_CHECKING:
     from maxcon.export import PoseRow
+    from maxcon.map import PointMap
 
 
 class ExportOptions(OptionGroup):
@@ -21,15 +22,19 @@ class ExportOptions(OptionGroup):
     table: Path = argument(..., "POSES.csv, or the folder of many drives, as `maxcon localize` writes them.", "POSES")
     out: Path = flag(
         ...,
-        "File to write: .geojson, .gpkg (extra export), .kml, .mcap (extra recordings), .tum, .kitti, or .csv with"
-        " degrees; with --scans .laz or .las.",
+        "File to write: .geojson, .gpkg (extra export), .kml, .mcap (extra recordings), .rrd (extra view), .tum,"
+        " .kitti, or .csv with degrees; with --scans .laz or .las.",
         "--out", "-o", metavar="FILE",
     )  # fmt: skip
     drive: str | None = flag(None, "Which drive of the folder; the only one if not given.", metavar="NAME")
-    map_folder: Path | None = flag(None, "The map the poses are in: tells the CRS.", "--map", metavar="MAP")
+    map_folder: Path | None = flag(
+        None, "The map the poses are in: tells the CRS; .mcap and .rrd show it.", "--map", metavar="MAP"
+    )
     crs: str | None = flag(None, "CRS of the poses, where the map tells none.", metavar="EPSG:N|WKT")
     scans: Path | None = flag(
-        None, "The scans of the drive: their points are written, placed in the map, as LAZ.", metavar="SCANS"
+        None,
+        "The scans of the drive, placed in the map: all their points as LAZ, thinned in .mcap and .rrd.",
+        metavar="SCANS",
     )
     topic: Topic = None
     times: Path | None = flag(None, "Time of each scan, as for `maxcon localize`.", metavar="FILE")
@@ -41,7 +46,7 @@ class ExportOptions(OptionGroup):
 def export(what: ExportOptions, ranges: RangeOptions) -> None:
     """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
     from maxcon.drive.poses_table import table_of_drive
-    from maxcon.export import SCAN_SUFFIXES, check_suffix, export_poses, export_scans, read_rows
+    from maxcon.export import SCAN_SUFFIXES, SCENE_SUFFIXES, check_suffix, export_poses, export_scans, read_rows
     from maxcon.io.scans import open_scans
 
     out, crs = what.out, what.crs
@@ -49,20 +54,23 @@ def export(what: ExportOptions, ranges: RangeOptions) -> None:
     check_exclusive({"--map": what.map_folder}, {"--crs": crs})
     check_needs({"--drive": what.drive}, {"a folder of many drives": what.table.is_dir()})
     table = table_of_drive(what.table, what.drive) if what.table.is_dir() else what.table
-    are_scans = out.suffix.lower() in SCAN_SUFFIXES
-    if are_scans != (what.scans is not None):
-        wanted = "--scans for" if are_scans else f"a {' or '.join(SCAN_SUFFIXES)} file with --scans, got"
-        raise OptionError(f"Expected {wanted} {out}{', got none' * are_scans}. Name the scans of the drive, or none.")
+    suffix = out.suffix.lower()
+    if what.scans is None and suffix in SCAN_SUFFIXES:
+        raise OptionError(f"Expected --scans for {out}, got none. Name the scans of the drive.")
+    if what.scans is not None and suffix not in (*SCAN_SUFFIXES, *SCENE_SUFFIXES):
+        wanted = " or ".join((*SCAN_SUFFIXES, *SCENE_SUFFIXES))
+        raise OptionError(f"Expected a {wanted} file with --scans, got {out}. Rename it, or name no scans.")
     check_out(table, out, overwrite=what.overwrite)
-    if what.map_folder is not None:
-        crs = _crs_of_map(what.map_folder, table, read_rows(table))
-    points = ""
+    point_map = None if what.map_folder is None else _map_of(what.map_folder, table, read_rows(table))
+    crs = crs if point_map is None else point_map.frame.crs
+    scans, points = None, ""
     if what.scans is not None:
         scans = open_scans(what.scans, what.times, topic=what.topic, at_stamp=what.at_stamp)
+    if scans is not None and suffix in SCAN_SUFFIXES:
         rows, n_points = export_scans(table, out, scans, crs, **vars(ranges))
         points = f", {n_points:,} points"
     else:
-        rows = export_poses(table, out, crs)
+        rows = export_poses(table, out, crs, point_map=point_map, scans=scans, **vars(ranges))
     n_localized = sum(row.pose is not None for row in rows)
     typer.echo(f"{n_localized} of {len(rows)} epochs have a pose{points}; written to {out}")
 
@@ -82,8 +90,8 @@ def check_out(source: Path, out: Path, *, overwrite: bool) -> None:
             )
 
 
-def _crs_of_map(map_folder: Path, table: Path, rows: "list[PoseRow]") -> str | None:
-    """The CRS of a map; refuses one that most of the poses lie outside of."""
+def _map_of(map_folder: Path, table: Path, rows: "list[PoseRow]") -> "PointMap":
+    """The map of a table; refuses one that most of the poses lie outside of."""
     from maxcon.drive.localize import MAP_MARGIN
     from maxcon.map import PointMap
 
@@ -95,4 +103,4 @@ def _crs_of_map(map_folder: Path, table: Path, rows: "list[PoseRow]") -> str | N
             f"Expected the map in which {table} was localized, got {map_folder}, outside of which {n_outside} of its"
             f" {len(local)} poses lie. Name that map, or the CRS (--crs)."
         )
-    return point_map.frame.crs
+    return point_map

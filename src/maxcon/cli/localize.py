@@ -25,6 +25,7 @@ from maxcon.cli.options import (
     WorkerOptions,
 )
 from maxcon.cli.terminal import warn
+from maxcon.cli.viewing import ViewOptions
 from maxcon.errors import OptionError
 
 # --- localize --------------------------------------------------------------------------------------------------
@@ -104,6 +105,7 @@ def localize(
     time: TimeOptions,
     table: TableOptions,
     pictures: PictureOptions,
+    view: ViewOptions,
     worker: EpochWorkers,
     quiet: Quiet = False,
 ) -> None:
@@ -137,7 +139,7 @@ def localize(
         of_one = {
             "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": time.times,
             "--tum": table.tum, "--plot": pictures.plot, "--report": pictures.report,
-            "--resume": table.resume, "--overwrite": table.overwrite,
+            "--view or --save": view.is_wanted, "--resume": table.resume, "--overwrite": table.overwrite,
         }  # fmt: skip
         check_exclusive({"--drives, where a table names files and a call goes on,": True}, of_one)
         drive_output.localize_many(files.drives, files.map_folder, files.out, opener, engine, quiet)
@@ -149,6 +151,7 @@ def localize(
     has_workers = not engine.is_in_process
     check_exclusive({"--track": motion.track}, {"--resume": table.resume, "--workers or --scheduler": has_workers})
     check_needs({"--drift": motion.drift}, {"--odometry": motion.odometry})
+    view.check(resume=table.resume)
     out, plot = files.out, pictures.plot
     drive_output.check_outputs(out, table, prior=files.prior, plot=plot, report=pictures.report)
     reference = None if pictures.reference is None else read_trajectory(pictures.reference)
@@ -158,8 +161,10 @@ def localize(
     there = localized.there
     wanted = frozenset() if plot is None else drive_output.parse_epochs(pictures.plot_epochs, len(drive.scans))
     draw = None if plot is None else drive_output.drawer(drive, plot, wanted)
-    started = by_workers(drive, engine, there.n_rows, wanted) if has_workers else drive.estimates(there.n_rows)
-    localized.write(started, quiet, draw)
+    needed = frozenset(range(len(drive.scans))) if view.is_wanted else wanted
+    started = by_workers(drive, engine, there.n_rows, needed) if has_workers else drive.estimates(there.n_rows)
+    with view.shown(started, drive.point_map, drive.prior.trajectory.positions[0]) as shown:
+        localized.write(shown, quiet, draw)
     for line in drive.words:
         typer.echo(line)
     searched = drive_output.searched_words(drive, localized.epochs)
@@ -248,12 +253,15 @@ def relocalize(
     circle: CircleOptions,
     certainty: PlaceCertainty,
     table: TableOptions,
+    view: ViewOptions,
     quiet: Quiet = False,
 ) -> None:
     """Find scans in a map without any prior: at any place of it, or in a circle, and at any heading.
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
+    import numpy as np
+
     from maxcon.cli import drive_output
     from maxcon.drive.localize import DriveOptions, relocalize_drive
     from maxcon.integrity import Trust
@@ -264,6 +272,7 @@ def relocalize(
     out = files.out
     of_table = {"--resume": table.resume, "--overwrite": table.overwrite, "--tum": table.tum}
     check_needs(of_table, {"--out POSES.csv": out})
+    view.check(resume=table.resume)
     if out is not None:
         drive_output.check_outputs(out, table)
     trust = Trust(certainty.least_share, certainty.largest_runner_up)
@@ -273,12 +282,16 @@ def relocalize(
     middle = None if circle.middle is None else tuple(point_map.frame.to_local([[*circle.middle, 0.0]])[0, :2].tolist())
     relocalizer = Relocalizer(point_map, middle, radius, n_threads=files.threads, trust=trust, risk=certainty.risk)
     opened = open_scans(files.scans, files.times, topic=files.topic, at_stamp=files.at_stamp)
+    near = np.array([*(circle.middle or point_map.frame.origin[:2]), point_map.frame.origin[2]])
     if out is None:
-        epochs = list(drive_output.printed(relocalize_drive(opened, relocalizer, options)))
+        with view.shown(relocalize_drive(opened, relocalizer, options), point_map, near) as shown:
+            epochs = list(drive_output.printed(shown))
         drive_output.end_of_drive(epochs, len(opened))
         return
     localized = drive_output.TableOfDrive(out, table, opened.times)
-    localized.write(relocalize_drive(opened, relocalizer, options, first=localized.there.n_rows), quiet)
+    started = relocalize_drive(opened, relocalizer, options, first=localized.there.n_rows)
+    with view.shown(started, point_map, near) as shown:
+        localized.write(shown, quiet)
     where = "the whole map" if circle.around is None else f"{radius:g} m around {circle.around}"
     localized.print_summary(files.map_folder, f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells")
     localized.write_tum()

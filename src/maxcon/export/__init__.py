@@ -15,25 +15,28 @@ from maxcon.export.formats import (
     write_geopackage,
     write_kitti,
     write_kml,
-    write_mcap,
     write_tum_rows,
 )
 from maxcon.export.map_points import MAP_SUFFIXES, export_map
+from maxcon.export.mcap_recording import write_mcap
 from maxcon.export.placed_scans import SCAN_SUFFIXES, write_placed_scans
 from maxcon.export.pose_rows import PARQUET, PoseRow, read_rows
+from maxcon.export.scene import RERUN_SUFFIX, Scene, epochs_of_rows, with_rerun
 from maxcon.io.scans import Scans
+from maxcon.map import PointMap
 
 __all__ = [
-    "EXPORT_SUFFIXES", "MAP_SUFFIXES", "PARQUET", "SCAN_SUFFIXES", "PoseRow", "check_suffix", "export_map",
-    "export_poses", "export_scans", "files_of_export", "read_rows",
+    "EXPORT_SUFFIXES", "MAP_SUFFIXES", "PARQUET", "SCAN_SUFFIXES", "SCENE_SUFFIXES", "PoseRow", "check_suffix",
+    "export_map", "export_poses", "export_scans", "files_of_export", "read_rows",
 ]  # fmt: skip
 
 _WRITERS: dict[str, Callable[[Path, list[PoseRow], Any], None]] = {
-    ".geojson": write_geojson, ".gpkg": write_geopackage, ".kml": write_kml, ".mcap": write_mcap,
+    ".geojson": write_geojson, ".gpkg": write_geopackage, ".kml": write_kml,
     ".csv": write_degrees, ".tum": write_tum_rows, ".kitti": write_kitti,
 }  # fmt: skip
 _NEEDING_CRS = (".geojson", ".gpkg", ".kml")
-EXPORT_SUFFIXES = tuple(_WRITERS)
+SCENE_SUFFIXES = (".mcap", RERUN_SUFFIX)  # of drives in a map, for viewers
+EXPORT_SUFFIXES = (*_WRITERS, *SCENE_SUFFIXES)
 
 
 def files_of_export(out: str | os.PathLike[str]) -> tuple[Path, ...]:
@@ -42,7 +45,16 @@ def files_of_export(out: str | os.PathLike[str]) -> tuple[Path, ...]:
     return (path, times_beside(path)) if path.suffix.lower() == ".kitti" else (path,)
 
 
-def export_poses(table: str | os.PathLike[str], out: str | os.PathLike[str], crs: str | None = None) -> list[PoseRow]:
+def export_poses(
+    table: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    crs: str | None = None,
+    *,
+    point_map: PointMap | None = None,
+    scans: Scans | None = None,
+    min_range: float = 1.0,
+    max_range: float = 120.0,
+) -> list[PoseRow]:
     """Write the poses of POSES.csv, or of a drive's Parquet file, for another program.
 
     Parameters
@@ -51,10 +63,12 @@ def export_poses(table: str | os.PathLike[str], out: str | os.PathLike[str], crs
         Written by `maxcon localize`; of many drives `drive=NAME/poses.parquet`.
     out : path
         `.geojson` (WGS 84), `.gpkg` (in the CRS; needs the extra export), `.kml`, `.mcap` (poses and transforms of
-        ROS 2; needs the extra recordings), `.tum`, `.kitti` (and the times beside it, `.times.txt`), or `.csv` with
-        angles in degrees and compass bearings.
+        ROS 2; needs the extra recordings), `.rrd` (Rerun; needs the extra view), `.tum`, `.kitti` (and the times beside
+        it, `.times.txt`), or `.csv` with angles in degrees and compass bearings.
     crs : str, optional
         Code or WKT of the coordinates, which the table does not say: that of the map.
+    point_map, scans, min_range, max_range : optional
+        Map and scans of the table, which `.mcap` and `.rrd` show, thinned, without points nearer or farther, m.
 
     Returns
     -------
@@ -65,12 +79,22 @@ def export_poses(table: str | os.PathLike[str], out: str | os.PathLike[str], crs
     ------
     OptionError: if the suffix is none of these.
     CrsError: if one is needed and not given, or not known.
-    FileError, TrajectoryError: if the table cannot be read, has no pose, or `out` cannot be written.
+    FileError, TrajectoryError: if the table cannot be read, has no pose, or `out` cannot be written; if a localized
+        row has no scan of its time.
     MissingExtraError: if the package for the format is not installed.
     """
-    suffix = Path(out).suffix.lower()
+    path, suffix = Path(out), Path(out).suffix.lower()
     rows = _rows_to_export(table, suffix, EXPORT_SUFFIXES)
-    _WRITERS[suffix](Path(out), rows, _check_crs(crs) if suffix in _NEEDING_CRS else crs)
+    if suffix in _WRITERS:
+        _WRITERS[suffix](path, rows, _check_crs(crs) if suffix in _NEEDING_CRS else crs)
+        return rows
+    first = next(row.pose for row in rows if row.pose is not None)
+    scene = Scene.near(first.position, crs, point_map)
+    epochs = epochs_of_rows(rows, scans, min_range, max_range)
+    if suffix == RERUN_SUFFIX:
+        with_rerun().write_rerun(path, scene, epochs)
+    else:
+        write_mcap(path, scene, rows, epochs)
     return rows
 
 

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon._system.atomic import atomic_file
 from maxcon.errors import TrajectoryError
 from maxcon.export.pose_rows import PoseRow
-from maxcon.geometry import Pose
 from maxcon.io.clouds.laz import laz_as_os_error
 from maxcon.io.crs import metric_crs
 from maxcon.io.raw_scan import nearest_in_time
@@ -33,7 +32,8 @@ def write_placed_scans(
     LAS 1.4, point format 6: gps_time is the time of the epoch, or of the point where it is known, s as in the table;
     point_source_id is the number of the epoch, counted on from 0 after 65,535. One epoch is in memory at a time.
     """
-    epochs, n_points = list(_epochs(rows, scans)), 0
+    epochs = [(row, scan_of_row(row, scans), row.pose) for row in rows if row.pose is not None]
+    n_points = 0
     with las_writer(path, epochs[0][2].position, crs) as write:
         for row, epoch, pose in epochs:
             raw = scans.read(epoch, min_range, max_range)
@@ -76,15 +76,12 @@ def las_writer(
         yield write
 
 
-def _epochs(rows: Sequence[PoseRow], scans: Scans) -> Iterator[tuple[PoseRow, int, Pose]]:
-    """Localized rows, with the number of the scan of each."""
-    for row in rows:
-        if row.pose is None:
-            continue
-        epoch = int(nearest_in_time(scans.times, np.array([row.time]))[0])
-        if abs(float(scans.times[epoch]) - row.time) > SAME_TIME:
-            raise TrajectoryError(
-                f"Expected a scan of the epoch at {row.time:.3f} s, got the nearest at {scans.times[epoch]:.3f} s. Name"
-                " the scans that the table was made of."
-            )
-        yield row, epoch, row.pose
+def scan_of_row(row: PoseRow, scans: Scans) -> int:
+    """Return the number of the scan at the time of a row; TrajectoryError if there is none."""
+    number = int(nearest_in_time(scans.times, np.array([row.time]))[0])
+    if abs(float(scans.times[number]) - row.time) > SAME_TIME:
+        raise TrajectoryError(
+            f"Expected a scan of the epoch at {row.time:.3f} s, got the nearest at {scans.times[number]:.3f} s. Name"
+            " the scans that the table was made of."
+        )
+    return number

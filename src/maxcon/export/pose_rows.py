@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon._system.regular_file import check_regular
-from maxcon.drive.poses_table import COLUMNS, FORMATS, UNKNOWNS
+from maxcon.drive.poses_table import COLUMNS, COVARIANCES, FORMATS, UNKNOWNS
 from maxcon.geometry import Pose
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.text import parse_float, read_pose_table
@@ -35,6 +36,11 @@ class PoseRow:
     scan: str = ""  # its name
     crs: str = ""  # of the pose
 
+    @property
+    def words(self) -> str:
+        """Status and reason in a line."""
+        return ": ".join(filter(None, [self.status, self.reason]))
+
 
 def bearing_deg(pose: Pose) -> float:
     """Heading as a compass has it: from the grid's north, clockwise, 0 to 360 degrees."""
@@ -51,6 +57,13 @@ def properties(row: PoseRow) -> dict[str, float | str | None]:
     numbers = {name: row.numbers.get(name) for name in FORMATS if FORMATS[name] and name not in ("time", *UNKNOWNS)}
     first = {"time": row.time, "scan": row.scan, **position, "status": row.status}
     return {**first, **angles, **numbers, "reason": row.reason}
+
+
+def covariance_of(row: PoseRow) -> NDArray[np.float64]:
+    """Of x, y, z and the turns about the three axes, (6, 6); zeros where it is not known."""
+    matrix = np.zeros((6, 6))
+    matrix[np.triu_indices(6)] = [row.numbers.get(name, 0.0) for name in COVARIANCES]
+    return matrix + np.triu(matrix, 1).T
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[PoseRow]:

@@ -125,6 +125,12 @@ class GroundPatch:
     first: tuple[int, int]  # (x, y) number of its first cell, counted from the local frame's origin
     edge: float  # of a cell, m
 
+    def points(self) -> NDArray[np.float64]:
+        """Return a point in the middle of each cell, at each of its heights, shape (n, 3), local frame, m."""
+        levels, rows, columns = np.nonzero(np.isfinite(self.heights))
+        middles = (np.column_stack([columns, rows]) + 0.5 + np.array(self.first)) * self.edge
+        return np.column_stack([middles, self.heights[levels, rows, columns]])
+
 
 def ground_patch(source: TileSource[GroundTile], cell: float, x: float, y: float, reach: float) -> GroundPatch:
     """Return the ground in the square of half width `reach` (m) around (x, y), of a map of edge `cell` (m)."""

@@ -202,7 +202,9 @@ def _apart(one: Pose, other: Pose) -> float:
     return math.hypot(one.x - other.x, one.y - other.y)
 
 
-def _suspected(partners: Partners, sample: Scan, start_weights: NDArray[np.float64]) -> list[tuple[Pattern, float, NDArray[np.float64]]]:
+def _suspected(
+    partners: Partners, sample: Scan, start_weights: NDArray[np.float64]
+) -> list[tuple[Pattern, float, NDArray[np.float64]]]:
     """Patterns that the scan may have, their sizes by one step, and how the pose moves, (6,)."""
     looks_around = len(np.unique(np.floor(SECTORS * _phase(sample.points[::8], 1.0)))) >= FEWEST_SECTORS
     patterns = [each for each in PATTERNS if looks_around or not each.is_of_turn]

@@ -23,6 +23,7 @@ from maxcon.drive.poses_table import COVARIANCES, PROTECTION_LEVELS
 from maxcon.errors import TrajectoryError
 from maxcon.estimate import Status
 from maxcon.export import PoseRow
+from maxcon.export.scene import ELLIPSE
 from maxcon.geometry import Pose
 from maxcon.io.scans import Scans
 from maxcon.lab.evaluation import PROMISED, SUCCESS_WORDS, Coverage, PoseError, Quantiles, pose_error
@@ -38,8 +39,6 @@ from maxcon.scan.trajectory import Trajectory
 N_WORST = 10
 MOST_LISTED = 50
 """Epochs without a pose that are listed one by one."""
-ELLIPSE = math.sqrt(5.991)
-"""Semi-axes of an ellipse that holds 95 % of x and y, over the standard deviations along them."""
 SEEN = 0.03
 """The median ellipse is drawn so large, of the window."""
 

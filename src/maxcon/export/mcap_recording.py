@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A drive as an MCAP file with messages of ROS 2: poses, transforms, statuses, map and scans."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.estimate import Status
+from maxcon.export.pose_rows import PoseRow, covariance_of
+from maxcon.export.scene import Scene, SceneEpoch
+from maxcon.geometry import Pose
+from maxcon.io.crs import to_wgs84
+from maxcon.io.recordings.contents import cloud_content, position_and_turn
+from maxcon.io.recordings.recording import Entry, RecordingKind, header_of, write_recording
+
+CRS_FRAME, MAP_FRAME, SENSOR_FRAME = "crs", "map", "sensor"
+"""Names of the frames: that of the CRS, a local one near the drive, in which viewers can draw, and the scanner's."""
+INFO, WARN = 20, 30  # levels of rcl_interfaces/msg/Log
+
+
+def write_mcap(path: Path, scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]) -> None:
+    """Write a drive, which has localized epochs, as topics of an MCAP file; each message has the time of its epoch.
+
+    /pose (PoseWithCovarianceStamped, in the frame `map`), /tf (`map` to `sensor`), /tf_static (`crs` to `map`), /status
+    (Log, of all epochs), if the CRS is known /fix (NavSatFix, heights as the map has them), and where there are any
+    /map (once) and /scan (PointCloud2). Needs the extra `recordings`.
+    """
+    write_recording(path, RecordingKind.MCAP, _entries(scene, rows, epochs))
+
+
+def _entries(scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]) -> Iterator[Entry]:
+    poses = [row.pose for row in rows if row.pose is not None]
+    places = [(pose.x, pose.y) for pose in poses]
+    lonlats = iter(() if scene.crs is None else to_wgs84(scene.crs, places))
+    T_crs_map = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0).translated(scene.origin)
+    yield _transform(rows[0].time, "/tf_static", CRS_FRAME, MAP_FRAME, T_crs_map)
+    if len(points := scene.map_points(scene.tiles_around(poses))):
+        yield _cloud(rows[0].time, "/map", MAP_FRAME, points)
+    for epoch in epochs:
+        row = epoch.row
+        yield _status(row)
+        if row.pose is None:
+            continue
+        local = scene.local(row.pose)
+        yield _pose(row, local)
+        yield _transform(row.time, "/tf", MAP_FRAME, SENSOR_FRAME, local)
+        if len(epoch.points):
+            yield _cloud(row.time, "/scan", SENSOR_FRAME, epoch.points)
+        if scene.crs is not None:
+            yield _fix(row, row.pose.z, next(lonlats))
+
+
+def _cloud(time: float, topic: str, frame: str, points: NDArray[np.float32]) -> Entry:
+    content = {"header": header_of(time, frame), **cloud_content(dict(zip("xyz", points.T, strict=True)))}
+    return Entry(time, topic, "sensor_msgs/msg/PointCloud2", content)
+
+
+def _status(row: PoseRow) -> Entry:
+    level = INFO if row.status == Status.LOCALIZED else WARN
+    content = {"stamp": header_of(row.time, "")["stamp"], "level": level, "name": "maxcon", "msg": row.words}
+    return Entry(row.time, "/status", "rcl_interfaces/msg/Log", {**content, "file": "", "function": ""})
+
+
+def _pose(row: PoseRow, pose: Pose) -> Entry:
+    content = {
+        "header": header_of(row.time, MAP_FRAME),
+        "pose": {
+            "pose": position_and_turn(pose, ("position", "orientation")),
+            "covariance": covariance_of(row).ravel(),
+        },
+    }
+    return Entry(row.time, "/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", content)
+
+
+def _transform(time: float, topic: str, parent: str, child: str, pose: Pose) -> Entry:
+    transform = {
+        "header": header_of(time, parent),
+        "child_frame_id": child,
+        "transform": position_and_turn(pose, ("translation", "rotation")),
+    }
+    return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [transform]})
+
+
+def _fix(row: PoseRow, z: float, lonlat: tuple[float, float]) -> Entry:
+    covariance = covariance_of(row)[:3, :3]
+    content = {
+        "header": header_of(row.time, SENSOR_FRAME),
+        "status": dict(status=0, service=1),
+        "latitude": lonlat[1],
+        "longitude": lonlat[0],
+        "altitude": z,
+        "position_covariance": covariance.ravel(),
+        "position_covariance_type": 3 if covariance.any() else 0,
+    }
+    return Entry(row.time, "/fix", "sensor_msgs/msg/NavSatFix", content)

@@ -1,0 +1,196 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A drive in the viewer Rerun, while it is localized, or as a recording (.rrd) for it. Imported by `with_rerun`."""
+
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from maxcon._system.atomic import atomic_file
+from maxcon.drive.localize import EpochEstimate
+from maxcon.drive.poses_table import PROTECTION_LEVELS
+from maxcon.errors import MissingExtraError, OptionError
+from maxcon.estimate import Status
+from maxcon.export.pose_rows import covariance_of
+from maxcon.export.scene import ELLIPSE, SCAN_POINTS, TILE_POINTS, Scene, SceneEpoch
+from maxcon.geometry import Pose
+from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.io.crs import crs_name
+from maxcon.map import PointMap
+
+EPOCH, STAMP = "epoch", "stamp"  # time lines: numbers of the scans, and their times
+UNIX = 1e8  # times above are seconds since 1970, shown as dates; smaller ones count from somewhere else, s
+PRIOR_COLOR, ANSWER_COLOR, NO_ANSWER_COLOR = (230, 120, 30), (70, 150, 255), (204, 121, 167)  # on black
+ENLARGED = 100
+ELLIPSE_NAME = f"ellipse_of_95_percent_{ENLARGED}_times_as_large"
+HIGH = 12.0  # map points so far above the lowest of their tile are the lightest, m
+PATIENCE = 10.0  # for the viewer to take what is left in the end, s
+
+
+def find_viewer() -> str:
+    """Return the viewer's program; MissingExtraError if there is none, OptionError without a display."""
+    program = shutil.which("rerun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+    if program is None:
+        raise MissingExtraError("Expected the program rerun, the viewer, got none. pip install 'maxcon[view]'")
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise OptionError(
+            "Expected a display for --view, got none ($DISPLAY). Write a recording instead, --save drive.rrd, and open"
+            " it with `rerun` where there is one."
+        )
+    return program
+
+
+@contextmanager
+def shown(
+    epochs: Iterable[EpochEstimate], point_map: PointMap, near: NDArray[np.float64], save: Path | None
+) -> Iterator[Iterator[EpochEstimate]]:
+    """Yield the same epochs, each shown when it is asked for: in a recording, or a viewer if `save` is None.
+
+    near: a place near the drive, global coordinates, m.
+    """
+    with _opened(Scene.near(near, point_map.frame.crs, point_map), save) as show:
+
+        def shown_once(epoch: EpochEstimate) -> EpochEstimate:
+            show(SceneEpoch.of_estimate(epoch, point_map.frame))
+            return epoch
+
+        yield map(shown_once, epochs)
+
+
+def write_rerun(path: Path, scene: Scene, epochs: Iterable[SceneEpoch]) -> None:
+    """Write a recording of the drive of a table of poses."""
+    with _opened(scene, path, has_shares=False) as show:
+        for epoch in epochs:
+            show(epoch)
+
+
+@contextmanager
+def _opened(scene: Scene, save: Path | None, *, has_shares: bool = True) -> Iterator[Callable[[SceneEpoch], None]]:
+    """Yield what shows an epoch, in a viewer that is started now, or in a recording that is there once all went well.
+
+    A recording is in memory until then, some 0.1 MB for each epoch, as the viewer will have it.
+    """
+    stream = rr.RecordingStream("maxcon")
+    stream.set_log_time_enabled(False)
+    memory = None if save is None else stream.memory_recording()  # Rerun's own files wait forever on a full disk
+    if memory is None:
+        try:
+            rr.spawn(connect=False, executable_path=find_viewer(), recording=stream)
+        except RuntimeError as error:
+            words = " ".join(str(error).split())
+            raise OptionError(f"Expected the viewer to start, got: {words}. Write a recording (--save).") from error
+        stream.connect_grpc()
+    stream.send_blueprint(_blueprint(has_shares))
+    content = b""
+    try:
+        yield _Shown(stream, scene).show
+    finally:
+        if memory is not None:
+            content = memory.drain_as_bytes()  # what is left there is warned of
+    if save is None:
+        with suppress(RuntimeError):  # the viewer was closed meanwhile, as its user may
+            stream.flush(timeout_sec=PATIENCE)
+        return
+    with atomic_file(save) as partial:
+        partial.write_bytes(content)
+
+
+def _blueprint(has_shares: bool) -> rrb.Blueprint:
+    """What opens: the scene with all answers up to the time shown, beside statuses, levels, shares and reasons."""
+    start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
+    so_far = rrb.VisibleTimeRanges([rrb.VisibleTimeRange(name, start=start, end=end) for name in (EPOCH, STAMP)])
+    scene = rrb.Spatial3DView(
+        name="Map (grey), scan at the prior (orange) and at the answer (blue)",
+        overrides={"/answers": so_far, "/not_localized": so_far},
+        eye_controls=rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, tracking_entity="/answers"),
+        line_grid=False,
+    )
+    columns = rrb.TextLogColumns(timeline_columns=[EPOCH], text_log_columns=["LogLevel", "Body"])
+    log = rrb.TextLogView(name="Log", origin="log", columns=columns)
+    plots: list[Any] = [
+        rrb.StateTimelineView(name="Status", origin="status"),
+        rrb.TimeSeriesView(name="Protection level [m]", origin="protection"),
+        *[rrb.TimeSeriesView(name="Share of the scan that matches", origin="share")] * has_shares,
+        rrb.Tabs(log, rrb.TextDocumentView(name="About", origin="about")),
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(scene, rrb.Vertical(*plots, row_shares=[1, 2, *[2] * has_shares, 3]), column_shares=[5, 3]),
+        rrb.TimePanel(timeline=EPOCH, play_state="following", state="collapsed"),
+        collapse_panels=True,
+    )
+
+
+class _Shown:
+    """Epochs on a stream of Rerun, and which tiles of the map are there."""
+
+    def __init__(self, stream: rr.RecordingStream, scene: Scene) -> None:
+        self.stream, self.scene = stream, scene
+        self.shown: set[Any] = set()
+        east, north, up = scene.origin
+        words = (
+            f"Coordinates: m from {east:.0f} m east, {north:.0f} m north, {up:.0f} m up ({crs_name(scene.crs)}).\n\n"
+            f"Map: at most {TILE_POINTS:,} points of each tile near the drive. Scans: at most {SCAN_POINTS:,} points."
+            f"\n\nEllipse: of 95 %, {ENLARGED} times as large as it is."
+        )
+        stream.log("about", rr.TextDocument(words), static=True)
+        stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        colors = [ANSWER_COLOR if status is Status.LOCALIZED else NO_ANSWER_COLOR for status in Status]
+        stream.log("status", rr.StateConfiguration(values=list(Status), colors=colors), static=True)
+
+    def show(self, epoch: SceneEpoch) -> None:
+        """Log an epoch; what it has not is cleared."""
+        stream, row = self.stream, epoch.row
+        stream.set_time(EPOCH, sequence=epoch.number)
+        stream.set_time(STAMP, **{"timestamp" if row.time > UNIX else "duration": row.time})
+        prior, answer = (None if pose is None else self.scene.local(pose) for pose in (epoch.prior, row.pose))
+        self._show_map(row.pose or epoch.prior)
+        self._show_scan("prior", prior, epoch, PRIOR_COLOR)
+        self._show_scan("answer", answer, epoch, ANSWER_COLOR)
+        self._show_ellipse(answer, covariance_of(row)[:2, :2])
+        name, pose, color = ("answers", answer, ANSWER_COLOR) if answer else ("not_localized", prior, NO_ANSWER_COLOR)
+        if pose is not None:
+            stream.log(name, rr.Points3D([pose.position], colors=color, radii=rr.Radius.ui_points(3.5)))
+        stream.log("status", rr.StateChange(state=row.status))
+        stream.log("log", rr.TextLog(row.words, level=rr.TextLogLevel.INFO if answer else rr.TextLogLevel.WARN))
+        for name in (*PROTECTION_LEVELS, "share"):
+            if name in row.numbers:
+                stream.log(name.replace("_", "/"), rr.Scalars(row.numbers[name]))
+
+    def _show_map(self, pose: Pose | None) -> None:
+        """Log the tiles around a pose, global coordinates, that are not there yet: dark below, light above."""
+        for key in self.scene.tiles_around([] if pose is None else [pose]):
+            if key not in self.shown and len(points := self.scene.map_points([key])):
+                heights = points[:, 2] - np.percentile(points[:, 2], 2)
+                greys = (50.0 + 110.0 * np.clip(heights / HIGH, 0.0, 1.0)).astype(np.uint8)
+                of_tile = rr.Points3D(points, colors=np.stack([greys] * 3, axis=1), radii=rr.Radius.ui_points(1.2))
+                self.stream.log(f"map/tile_{key[0]}_{key[1]}", of_tile, static=True)
+            self.shown.add(key)
+
+    def _show_scan(self, name: str, pose: Pose | None, epoch: SceneEpoch, color: tuple[int, int, int]) -> None:
+        if pose is None:
+            self.stream.log(name, rr.Clear(recursive=True))
+            return
+        turn = quaternions_from_angles(pose.roll, pose.pitch, pose.heading).ravel()
+        at = rr.Transform3D(translation=pose.position, quaternion=rr.Quaternion(xyzw=turn))
+        self.stream.log(name, at, rr.TransformAxes3D(3.0))
+        self.stream.log(f"{name}/scan", rr.Points3D(epoch.points, colors=color, radii=rr.Radius.ui_points(1.8)))
+
+    def _show_ellipse(self, answer: Pose | None, covariance: NDArray[np.float64]) -> None:
+        if answer is None or not covariance.any():
+            self.stream.log(ELLIPSE_NAME, rr.Clear(recursive=False))
+            return
+        variances, axes = np.linalg.eigh(covariance)
+        turns = np.linspace(0.0, 2.0 * np.pi, 65)
+        circle = np.column_stack([np.cos(turns), np.sin(turns)])
+        ellipse = (ENLARGED * ELLIPSE * np.sqrt(np.maximum(variances, 0.0)) * circle) @ axes.T
+        outline = answer.position + np.column_stack([ellipse, np.zeros(len(turns))])
+        self.stream.log(ELLIPSE_NAME, rr.LineStrips3D([outline], colors=ANSWER_COLOR))

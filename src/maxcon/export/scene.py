@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What viewers show of a drive: its epochs with their scans, and the map around them, in a frame near the drive."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.drive.localize import EpochEstimate
+from maxcon.drive.poses_table import FORMATS, SHIFTS, UNKNOWNS, pose_values
+from maxcon.errors import needs_extra
+from maxcon.export.placed_scans import scan_of_row
+from maxcon.export.pose_rows import PoseRow
+from maxcon.geometry import LocalFrame, Pose
+from maxcon.io.scans import Scans
+from maxcon.map import PointMap
+from maxcon.map.layout import TileKey
+
+ROUND = 100.0  # the frame's origin is a multiple of this, m
+MAP_REACH, MAP_VOXEL = 40.0, 0.25
+"""Tiles within this of a pose are shown, along x and y, m; a point for each voxel of about this edge, m."""
+MAP_POINTS, TILE_POINTS, SCAN_POINTS = 1_000_000, 10_000, 5_000
+"""Most points of the map at once, of a tile of it, and of a scan."""
+ELLIPSE = math.sqrt(5.991)
+"""Semi-axes of an ellipse that holds 95 % of x and y, over the standard deviations along them."""
+RERUN_SUFFIX = ".rrd"
+NO_POINTS: NDArray[np.float32] = np.empty((0, 3), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneEpoch:
+    """An epoch of a drive; poses in global coordinates.
+
+    number: of the scan in the drive, from 0. row: its answer; among the numbers is the `share`, where it is known.
+    points: of its scan, thinned, shape (n, 3), sensor frame, m. prior: None where there was none.
+    """
+
+    number: int
+    row: PoseRow
+    points: NDArray[np.float32]
+    prior: Pose | None = None
+
+    @classmethod
+    def of_estimate(cls, epoch: EpochEstimate, frame: LocalFrame) -> "SceneEpoch":
+        """Return an epoch as it was localized in a map of this frame."""
+        values = pose_values(epoch)
+        time, status, reason = (values.pop(name) for name in ("time", "status", "reason"))
+        numbers = {name: float(value) for name, value in values.items() if FORMATS[name] and name not in UNKNOWNS}
+        if epoch.estimate is not None:
+            numbers["share"] = epoch.estimate.share
+        row = PoseRow(time, epoch.pose_global, status, reason, numbers)
+        prior = None if epoch.prior is None else frame.pose_to_global(epoch.prior)
+        return cls(epoch.epoch, row, _thinned(epoch.scan.points, SCAN_POINTS), prior)
+
+
+def epochs_of_rows(rows: Sequence[PoseRow], scans: Scans | None, *ranges: float) -> Iterator[SceneEpoch]:
+    """Return an iterator over all rows, each with its scan, within two ranges (m), if it is localized.
+
+    TrajectoryError, at once, if there is no scan of a localized row's time.
+    """
+    numbers = [None if scans is None or row.pose is None else scan_of_row(row, scans) for row in rows]
+
+    def shown(number: int, scan: int | None) -> SceneEpoch:
+        points = NO_POINTS if scans is None or scan is None else scans.read(scan, *ranges).points
+        return SceneEpoch(number, rows[number], _thinned(points, SCAN_POINTS), _prior_of(rows[number]))
+
+    return map(shown, range(len(rows)), numbers)
+
+
+def _prior_of(row: PoseRow) -> Pose | None:
+    """The prior by the shift from it to the answer, roll and pitch those of the answer; None if not in the row."""
+    shift = [row.numbers.get(name) for name in SHIFTS]
+    if row.pose is None or None in shift:
+        return None
+    x, y, z, turn = np.array(shift, np.float64)
+    return Pose(*(row.pose.values - [x, y, z, 0.0, 0.0, math.radians(turn)]))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The frame that a drive is shown in: viewers draw with single precision, so that its origin is near.
+
+    origin: global coordinates of its (0, 0, 0), m. crs: of these; None if not known. point_map: None if not given.
+    """
+
+    origin: NDArray[np.float64]
+    crs: str | None
+    point_map: PointMap | None
+
+    @classmethod
+    def near(cls, position: NDArray[np.float64], crs: str | None, point_map: PointMap | None) -> "Scene":
+        """Return the scene whose origin is a round place near a position, global coordinates, m."""
+        return cls(np.floor(position / ROUND) * ROUND, crs, point_map)
+
+    def local(self, pose: Pose) -> Pose:
+        """Return a pose in global coordinates in this frame."""
+        return pose.translated(-self.origin)
+
+    def tiles_around(self, poses: Iterable[Pose]) -> list[TileKey]:
+        """Return the keys of the tiles around poses in global coordinates, in order; none without a map."""
+        if self.point_map is None:
+            return []
+        local = [self.point_map.frame.pose_to_local(pose) for pose in poses]
+        return sorted({key for pose in local for key in self.point_map.keys_within(pose.x, pose.y, MAP_REACH)})
+
+    def map_points(self, keys: Sequence[TileKey]) -> NDArray[np.float32]:
+        """Return the points of some tiles and of their ground in this frame, thinned, shape (n, 3), m."""
+        if self.point_map is None or not keys:
+            return NO_POINTS
+        level, most = self.point_map.nearest_level(MAP_VOXEL), min(TILE_POINTS, MAP_POINTS // len(keys))
+        edge, shift = level.tile_voxels * level.cell, self.point_map.frame.origin - self.origin
+        found = []
+        for key in keys:
+            x, y = (np.array(key) + 0.5) * edge
+            ground = self.point_map.ground_around(x, y, 0.49 * edge).points()
+            found.append(_thinned(np.concatenate([level.tile(key).mean_points(level.cell), ground]) + shift, most))
+        return np.concatenate(found)
+
+
+def _thinned(points: NDArray[np.floating[Any]], most: int) -> NDArray[np.float32]:
+    """At most so many of the points, evenly among them."""
+    chosen = np.linspace(0, len(points) - 1, min(most, len(points))).astype(np.int64)
+    return np.asarray(points[chosen], np.float32)
+
+
+def with_rerun() -> Any:
+    """Return the module `rerun_recording`; MissingExtraError without the extra `view`."""
+    with needs_extra("rerun-sdk", "to show a drive", "view"):
+        import rerun  # noqa: F401
+    return import_module("maxcon.export.rerun_recording")
