@@ -34,7 +34,7 @@ LEVEL = 0.5
 """A wall point has a normal with a vertical part below this."""
 RIVALLED = 2.0
 """The misfit where a scan can be explained in two ways, from two places."""
-UNMODELLED = 0.5
+UNMODELLED = 0.33
 """Of the shift that a pattern of the scan causes so much is left as an error: motion is not as even as the pattern."""
 
 

@@ -31,7 +31,7 @@ or one that shifts the pose by so much, m."""
 LEAST_GAIN = 0.03
 """The scan has it if it is as large and significant after all steps, and the points of the scan without it have so much
 more weight, as a ratio."""
-RIVALLING, APART, LARGE = 0.5, 0.1, 3.0
+RIVALLING, APART, LARGE = 0.5, 0.1, 5.0
 """A pattern with this ratio of that gain, less `LEAST_GAIN`, rivals it if its pose lies so far away, m; one of so many
 times its notable size rivals a scan without any."""
 TRIAL_POINTS = 1500
