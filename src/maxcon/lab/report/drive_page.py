@@ -28,6 +28,7 @@ from maxcon.geometry import Pose
 from maxcon.io.scans import Scans
 from maxcon.lab.evaluation import PROMISED, SUCCESS_WORDS, Coverage, PoseError, Quantiles, pose_error
 from maxcon.lab.report import Picture, write_page
+from maxcon.lab.report.facings import Facing, facings
 from maxcon.lab.report.timeline import ErrorRow, plot_timeline
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import MOST_HALF_WIDTH, PRIOR_COLOR, draw_points, half_width_of, is_off_the_ground
@@ -37,6 +38,8 @@ from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
 
 N_WORST = 10
+N_FACED = 20
+"""Scans whose walls are compared with the map's once more."""
 MOST_LISTED = 50
 """Epochs without a pose that are listed one by one."""
 SEEN = 0.03
@@ -69,6 +72,10 @@ class ReportedDrive:
         """The answer of an epoch, local frame; None unless localized."""
         pose = self.rows[epoch].pose
         return None if pose is None else self.point_map.frame.pose_to_local(pose)
+
+    def scan(self, epoch: int) -> Scan:
+        """The scan of an epoch, read again."""
+        return Scan(self.scans.read(epoch, self.options.min_range, self.options.max_range).points)
 
     def numbers(self, name: str) -> NDArray[np.float64]:
         """A column of the table, shape (n,); NaN where it is empty."""
@@ -117,6 +124,7 @@ def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: 
             "left_out": [(n, drive.scans.name(n), rows[n]) for n in np.flatnonzero(~is_localized)[:MOST_LISTED]],
             "n_left_out": int((~is_localized).sum()),
             "timeline": _timeline(drawn / "timeline.svg", rows, errors, is_wrong, sigmas, levels),
+            "facings": _facings(drive, is_localized),
             "accuracy": None if drive.reference is None else _accuracy(errors, is_wrong, sigmas, levels),
             "success": SUCCESS_WORDS,
             "promised": PROMISED,
@@ -178,6 +186,14 @@ def _statuses(rows: Sequence[PoseRow]) -> list[dict[str, Any]]:
         reason = next(filter(None, reasons), "")
         found.append({"status": word, "n": len(reasons), "meaning": Status(word).explanation, "reason": reason})
     return found
+
+
+def _facings(drive: ReportedDrive, is_localized: NDArray[np.bool_]) -> list[Facing]:
+    """Of some localized epochs, evenly over the drive."""
+    numbers = np.flatnonzero(is_localized)
+    chosen = numbers[np.linspace(0, len(numbers) - 1, min(N_FACED, len(numbers))).round().astype(int)]
+    poses = ((epoch, drive.answer(epoch)) for epoch in chosen.tolist())
+    return facings(((drive.scan(epoch), pose) for epoch, pose in poses if pose is not None), drive.point_map)
 
 
 def _accuracy(
@@ -270,7 +286,7 @@ def _epoch(path: Path, drive: ReportedDrive, epoch: int) -> Picture:
     row, name = drive.rows[epoch], drive.scans.name(epoch)
     prior, answer = drive.local(drive.prior, epoch), drive.answer(epoch)
     at = answer or prior or Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    scan = Scan(drive.scans.read(epoch, drive.options.min_range, drive.options.max_range).points)
+    scan = drive.scan(epoch)
     points = scan.points[is_off_the_ground(scan, at)]
     sets = [("scan at the prior", PRIOR_COLOR, prior.apply(points), 1.3)] if prior is not None else []
     if answer is not None:
