@@ -26,6 +26,7 @@ from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.crs import crs_name
 from maxcon.map import PointMap
+from maxcon.map.layout import TileKey
 
 EPOCH, STAMP = "epoch", "stamp"  # time lines: numbers of the scans, and their times
 UNIX = 1e8  # times above are seconds since 1970, shown as dates; smaller ones count from somewhere else, s
@@ -90,18 +91,16 @@ def _opened(scene: Scene, save: Path | None, *, has_shares: bool = True) -> Iter
             raise OptionError(f"Expected the viewer to start, got: {words}. Write a recording (--save).") from error
         stream.connect_grpc()
     stream.send_blueprint(_blueprint(has_shares))
-    content = b""
     try:
         yield _Shown(stream, scene).show
     finally:
-        if memory is not None:
-            content = memory.drain_as_bytes()  # what is left there is warned of
-    if save is None:
+        content = b"" if memory is None else memory.drain_as_bytes()  # what is left there is warned of
+    if save is not None:
+        with atomic_file(save) as partial:
+            partial.write_bytes(content)
+    else:
         with suppress(RuntimeError):  # the viewer was closed meanwhile, as its user may
             stream.flush(timeout_sec=PATIENCE)
-        return
-    with atomic_file(save) as partial:
-        partial.write_bytes(content)
 
 
 def _blueprint(has_shares: bool) -> rrb.Blueprint:
@@ -133,8 +132,7 @@ class _Shown:
     """Epochs on a stream of Rerun, and which tiles of the map are there."""
 
     def __init__(self, stream: rr.RecordingStream, scene: Scene) -> None:
-        self.stream, self.scene = stream, scene
-        self.shown: set[Any] = set()
+        self.stream, self.scene, self.shown = stream, scene, set[TileKey]()
         east, north, up = scene.origin
         words = (
             f"Coordinates: m from {east:.0f} m east, {north:.0f} m north, {up:.0f} m up ({crs_name(scene.crs)}).\n\n"
@@ -170,7 +168,7 @@ class _Shown:
         for key in self.scene.tiles_around([] if pose is None else [pose]):
             if key not in self.shown and len(points := self.scene.map_points([key])):
                 heights = points[:, 2] - np.percentile(points[:, 2], 2)
-                greys = (50.0 + 110.0 * np.clip(heights / HIGH, 0.0, 1.0)).astype(np.uint8)
+                greys = (80.0 + 100.0 * np.clip(heights / HIGH, 0.0, 1.0)).astype(np.uint8)
                 of_tile = rr.Points3D(points, colors=np.stack([greys] * 3, axis=1), radii=rr.Radius.ui_points(1.2))
                 self.stream.log(f"map/tile_{key[0]}_{key[1]}", of_tile, static=True)
             self.shown.add(key)
