@@ -35,7 +35,7 @@ def options_of_truth():
 
 
 def errors_at_places(true, times, positions):
-    """Errors of each round at places along the first, (n_places, n_rounds, 3), m; NaN where one was not there.
+    """Errors of each round at places along the first, (n_places, n_passes, 3), m; NaN where one was not there.
 
     true, positions : (n, 3), where the vehicle was, and is said to have been, at times, (n,), s.
     """
@@ -153,24 +153,28 @@ def without_common_turn(places, errors):
 
 
 def picture(options):
-    """Draw a cross section of a wall, before and after, coloured by round, and say how thick it is."""
+    """Draw a cross section of a wall, before and after, coloured by pass, and say how thick it is."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    from maxcon.plotting.figure import SERIES
+
     figure, axes = plt.subplots(1, 2, figsize=(11.0, 4.6), sharex=True, sharey=True)
     for axis, folder, name in zip(axes, (options.before, options.after), ("before", "after"), strict=True):
         across, height, rounds = section(folder, options)
         middle = np.median(across)
-        for number in np.unique(rounds):
+        for number, color, mark in zip(np.unique(rounds), SERIES, "osD^v", strict=False):
             rows = np.flatnonzero(rounds == number)
             rows = rows[:: max(1, len(rows) // MOST_DRAWN)]
-            axis.plot(100.0 * (across[rows] - middle), height[rows], ".", markersize=2, label=f"round {number + 1}")
+            axis.plot(
+                100.0 * (across[rows] - middle), height[rows], mark, c=color, ms=2, mew=0, label=f"pass {number + 1}"
+            )
         low, high = (float(value) for value in options.heights.split(","))
         is_wall = (height >= low) & (height <= high)
         medians = [np.median(across[is_wall & (rounds == number)]) for number in np.unique(rounds[is_wall])]
-        words = f"medians of the rounds differ by {1000 * np.std(medians):.1f} mm (standard deviation)"
+        words = f"medians of the passes differ by {1000 * np.std(medians):.1f} mm (standard deviation)"
         print(f"{name}: {words}, {len(across):,} points")
         axis.set_title(f"{name}: {words}", fontsize=9)
         axis.set_xlabel("across the wall, cm")
@@ -181,7 +185,7 @@ def picture(options):
 
 
 def section(folder, options):
-    """Points of a wall near a place: how far across, height, and round."""
+    """Points of a wall near a place: how far across, height, and pass."""
     import laspy
 
     at = np.array([float(value) for value in options.at.split(",")])

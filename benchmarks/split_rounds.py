@@ -3,7 +3,7 @@
 """Two rounds of real surfaces: every other scan of one pass is displaced by what is known, and brought back.
 
     python benchmarks/split_rounds.py split CLOUDS OUT
-    maxcon map align OUT/*.laz --rounds source -o ALIGNED
+    maxcon map align OUT/*.laz --passes source -o ALIGNED
     python benchmarks/split_rounds.py judge OUT ALIGNED
 
 CLOUDS is a folder of LAZ files of one pass whose scans are 0.1 s apart.

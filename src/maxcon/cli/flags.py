@@ -15,7 +15,7 @@ from typer.core import TyperCommand
 from maxcon.errors import OptionError
 
 TITLES = (
-    "Arguments", "Inputs", "Scans instead of clouds", "Recordings and scanners", "Rounds", "Classes", "Method",
+    "Arguments", "Inputs", "Scans instead of clouds", "Recordings and scanners", "Passes", "Classes", "Method",
     "Search space", "Motion", "Certainty", "Output", "How it is done", "Map", "Options",
 )  # fmt: skip
 """Titles in the help, in this order; options without a title stand under the last."""

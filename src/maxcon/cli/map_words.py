@@ -113,7 +113,7 @@ def sigma_words(manifest: Manifest) -> str:
     words = {
         "assumed": f"assumed: {known.get('reason')}; say it with --sigma",
         "georeference": "the map's own and that of its georeference",
-        "alignment": "from alignment.json beside the clouds: aligned rounds agree better than that",
+        "alignment": "from alignment.json beside the clouds: aligned passes agree better than that",
     }
     return f"{manifest.sigma:g} m, {words.get(known['from'], known['from'])}"
 

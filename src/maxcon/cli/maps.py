@@ -225,7 +225,7 @@ def build(
 class PassFiles(OptionGroup, title="Inputs"):
     """The clouds of all passes, and what is known of them."""
 
-    clouds: list[Path] = argument(..., "LAS or LAZ files of all rounds, in tiles or whole.", "CLOUD...")
+    clouds: list[Path] = argument(..., "LAS or LAZ files of all passes, in tiles or whole.", "CLOUD...")
     trajectory: list[Path] | None = flag(
         None,
         "Where the mapping sensor was, in the times of the points: corrected as they are; repeatable.",
@@ -245,22 +245,22 @@ class PassFiles(OptionGroup, title="Inputs"):
     overwrite: bool = flag(False, "Replace the alignment if there is one.", rich_help_panel="Output")
 
 
-class PassOptions(OptionGroup, title="Rounds"):
+class PassOptions(OptionGroup, title="Passes"):
     """How passes are told apart, and how well each is known."""
 
     passes_by: str = flag(
         "time",
-        "What tells rounds apart: pauses in gps_time, point source ids, or files.",
-        "--rounds", metavar="time|source|file",
+        "What tells passes apart: pauses in gps_time, point source ids, or files.",
+        "--passes", metavar="time|source|file",
     )  # fmt: skip
-    pause: float = flag(20.0, "Seconds without a point between two rounds, by time.", metavar="S")
+    pause: float = flag(20.0, "Seconds without a point between two passes, by time.", metavar="S")
     georeference_sigma: float = flag(
-        0.1, "How well each round is georeferenced: standard deviation along any axis, in m.", metavar="M"
+        0.1, "How well each pass is georeferenced: standard deviation along any axis, in m.", metavar="M"
     )
     georeference_sigma_deg: float = flag(0.05, "The same of its roll, pitch and heading, in degrees.", metavar="DEG")
     drift_sigma: float | None = flag(
         None,
-        "Standard deviation of how a round's errors change within it, in m; 0: rounds are rigid. Default: what the"
+        "Standard deviation of how a pass's errors change within it, in m; 0: passes are rigid. Default: what the"
         " matches ask for.",
         metavar="M",
     )
@@ -273,10 +273,10 @@ class PlaceThreads(OptionGroup, title="How it is done"):
     threads: int | None = flag(None, "Places matched at once, 0.4 GiB each. Default: processors, at most 4.", min=1)
 
 
-@app.command(cls=GroupedCommand, short_help="Bring rounds together before a map is built of them.")
+@app.command(cls=GroupedCommand, short_help="Bring passes together before a map is built of them.")
 @flags
 def align(files: PassFiles, passes: PassOptions, worker: PlaceThreads, quiet: Quiet = False) -> None:
-    """Bring rounds of a mapping campaign together: match them, adjust them, write corrected clouds."""
+    """Bring passes of a mapping campaign together: match them, adjust them, write corrected clouds."""
     from maxcon.cli.map_words import print_alignment
     from maxcon.mapping.align import AlignmentOptions, align_files
 

@@ -86,9 +86,9 @@ def test_the_trajectory_moves_with_its_points_and_tables_say_what_was_found(alig
     assert summary["n_ties"] == len(found.constraints)
     assert summary["sigma"]["of_map"] == pytest.approx(found.sigma_of_map, abs=1e-5)
     assert summary["words"] == []
-    rows = {name: list(csv.DictReader((out / f"{name}.csv").open())) for name in ("rounds", "residuals", "ties")}
-    assert [row["name"] for row in rows["rounds"]] == ["pass 1", "pass 2", "pass 3"]
-    assert [(row["round_a"], row["round_b"]) for row in rows["residuals"]] == [("1", "2"), ("1", "3"), ("2", "3")]
+    rows = {name: list(csv.DictReader((out / f"{name}.csv").open())) for name in ("passes", "residuals", "ties")}
+    assert [row["name"] for row in rows["passes"]] == ["pass 1", "pass 2", "pass 3"]
+    assert [(row["pass_a"], row["pass_b"]) for row in rows["residuals"]] == [("1", "2"), ("1", "3"), ("2", "3")]
     for row in rows["residuals"]:
         assert float(row["horizontal_after_median"]) < 0.1 * float(row["horizontal_before_median"])
     assert len(rows["ties"]) == len(found.constraints)
@@ -153,7 +153,7 @@ def test_a_pass_elsewhere_stays_and_is_told(tmp_path, write_las, scene):
     np.testing.assert_allclose(coordinates(tmp_path / "out/2.laz")[0], coordinates(clouds[2])[0], atol=1e-6)
     gap = coordinates(tmp_path / "out/1.laz")[0].mean(axis=0) - coordinates(tmp_path / "out/0.laz")[0].mean(axis=0)
     was = coordinates(clouds[1])[0].mean(axis=0) - coordinates(clouds[0])[0].mean(axis=0)
-    ended = run(*clouds, "-o", tmp_path / "again", "--rounds", "file")
+    ended = run(*clouds, "-o", tmp_path / "again", "--passes", "file")
     assert ended.exit_code == 0, ended
     note = ended.output.splitlines()[-1]
     assert note.startswith("note         2.laz (") or note.startswith("note         pass 3 (")
@@ -189,7 +189,7 @@ def run(*arguments):
 
 def test_it_says_how_far_passes_lay_apart_and_what_that_makes_of_a_map(three_passes, tmp_path):
     clouds, _ = three_passes
-    refused = run(*clouds, "-o", tmp_path / "out", "--rounds", "colour")
+    refused = run(*clouds, "-o", tmp_path / "out", "--passes", "colour")
     assert isinstance(refused.exception, OptionError) and not (tmp_path / "out").exists()
     ended = run(*clouds, "-o", tmp_path / "out", "--georeference-sigma-deg", "0.2")
     assert ended.exit_code == 0, ended

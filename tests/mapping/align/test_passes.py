@@ -58,7 +58,7 @@ def test_files_and_sources_tell_passes_apart(headers):
 
 def test_what_is_refused(tmp_path, headers, write_las, monkeypatch):
     untimed = open_headers([write_las(tmp_path / "c.las", POINTS, TIMES, point_format=0, version="1.2")])
-    with pytest.raises(OptionError, match="--rounds file"):
+    with pytest.raises(OptionError, match="--passes file"):
         survey(untimed, "time", 20.0, silent)
     assert survey(untimed, "file", 20.0, silent).passes[0].times.tolist() == [0.5]
     text = tmp_path / "a.xyz"

@@ -85,7 +85,7 @@ def test_pairs_of_many_visits_say_no_more_than_there_is(scene):
     np.testing.assert_allclose(constraints[0].covariance, 2.5 * alone.covariance)
 
 
-def test_visits_of_one_round_are_told_apart_by_time(scene):
+def test_visits_of_one_pass_are_told_apart_by_time(scene):
     rng = np.random.default_rng(0)
     points = scene.points_on(scene.corner, 60, 0.01, rng)
     records = records_of([points])

@@ -177,7 +177,7 @@ def align_files(
         if read and not found.passes.are_apart:
             raise OptionError(
                 "Expected passes one after the other, to know which a pose of the trajectory belongs to, got passes"
-                " at the same time. Leave out --trajectory, or say --rounds time."
+                " at the same time. Leave out --trajectory, or say --passes time."
             )
         corrections = found.adjusted.corrections
         n_total, n_done = sum(header.n_points for header in headers), 0
@@ -193,7 +193,7 @@ def align_files(
         for trajectory, path in zip(read, outputs[len(headers) :], strict=True):
             write_corrected_trajectory(path, trajectory, found.passes, corrections)
         summary: dict[str, object] = {
-            "rounds_by": options.passes_by,
+            "passes_by": options.passes_by,
             "georeference_sigma": options.georeference_sigma,
             "georeference_sigma_deg": options.georeference_sigma_deg,
             "drift_sigma": found.adjusted.drift_sigma,
@@ -236,7 +236,7 @@ def _nothing_matched(passes: Passes, matched: Sequence[Constraint]) -> MapError:
     if len(passes) == 1 and not matched:
         return MapError(
             "Expected several passes, or one that comes by the same places again, got one pass only: there is nothing"
-            " to align. --pause, --rounds source and --rounds file tell passes apart otherwise."
+            " to align. --pause, --passes source and --passes file tell passes apart otherwise."
         )
     why = Counter(each.fault for each in matched).most_common(1)
     got = f"{len(matched)} matched pairs, and of most {why[0][0]}" if why else "no place that two of them saw enough of"

@@ -28,7 +28,7 @@ NORMAL_MEDIAN = 0.6745  # median of the absolute value of a standard normal devi
 OPEN_RATIO = 0.5  # a pass is open along a direction in which its sigma exceeds this part of its prior's
 
 SUMMARY = "alignment.json"
-TABLES = (SUMMARY, "rounds.csv", "residuals.csv", "ties.csv", "corrections.csv")
+TABLES = (SUMMARY, "passes.csv", "residuals.csv", "ties.csv", "corrections.csv")
 LARGEST_SUMMARY = 2**24  # bytes
 AXES = ("x", "y", "z")
 OF_SIZES = ("median", "95")
@@ -234,13 +234,13 @@ def write_tables(folder: Path, alignment: Alignment, summary: dict[str, object],
             rows = ([_cell(value) for value in row] for row in table(alignment))
             csv.writer(stream, lineterminator="\n").writerows(rows)
     content = summary | {
-        "n_rounds": len(alignment.passes),
+        "n_passes": len(alignment.passes),
         "n_ties": len(alignment.constraints),
         "n_contradicted": alignment.n_contradicted,
         "n_refused": dict(sorted(alignment.refused.items())),
         "inflation": round(alignment.adjusted.inflation, 3),
         "sigma": {
-            "of_round_before": round(alignment.sigma_before, 5),
+            "of_pass_before": round(alignment.sigma_before, 5),
             "of_round": round(alignment.sigma_of_pass, 5),
             "of_map": round(alignment.sigma_of_map, 5),
             "of_datum": round(alignment.sigma_of_datum, 5),
@@ -258,7 +258,7 @@ def _cell(value: object) -> object:
 
 def _passes(alignment: Alignment) -> Iterable[Row]:
     yield [
-        "round", "name", "n_points", "start_s", "end_s", "n_ties", "group",
+        "pass", "name", "n_points", "start_s", "end_s", "n_ties", "group",
         *(f"{what}_{axis}" for what in ("shift", "turn_deg", "sigma") for axis in AXES), "words",
     ]  # fmt: skip
     for number, (each, found) in enumerate(zip(alignment.passes, alignment.connectivity, strict=True), 1):
@@ -271,7 +271,7 @@ def _passes(alignment: Alignment) -> Iterable[Row]:
 
 def _pairs(alignment: Alignment) -> Iterable[Row]:
     sizes = ("horizontal_before", "horizontal_after", "height_before", "height_after")
-    yield ["round_a", "round_b", "n_ties", "n_contradicted", *(f"{size}_{of}" for size in sizes for of in OF_SIZES)]
+    yield ["pass_a", "pass_b", "n_ties", "n_contradicted", *(f"{size}_{of}" for size in sizes for of in OF_SIZES)]
     for pair in alignment.pairs:
         values = pair.horizontal_before + pair.horizontal_after + pair.height_before + pair.height_after
         first, second = pair.passes
@@ -280,7 +280,7 @@ def _pairs(alignment: Alignment) -> Iterable[Row]:
 
 def _constraints(alignment: Alignment) -> Iterable[Row]:
     yield [
-        "x", "y", "round_a", "round_b", "time_a", "time_b", "share", "weight", "is_contradicted",
+        "x", "y", "pass_a", "pass_b", "time_a", "time_b", "share", "weight", "is_contradicted",
         *(f"{what}_{axis}" for what in ("before", "after", "sigma") for axis in AXES),
     ]  # fmt: skip
     weights, residuals = alignment.adjusted.weights, alignment.adjusted.residuals
@@ -295,7 +295,7 @@ def _constraints(alignment: Alignment) -> Iterable[Row]:
 
 def _corrections(alignment: Alignment) -> Iterable[Row]:
     """A row for each knot: how what was measured then, about there, is moved."""
-    yield ["round", "time", *(f"{what}{axis}" for what in ("", "shift_", "turn_deg_") for axis in AXES)]
+    yield ["pass", "time", *(f"{what}{axis}" for what in ("", "shift_", "turn_deg_") for axis in AXES)]
     corrections = alignment.adjusted.corrections
     for number in range(len(corrections.centres)):
         first, end = corrections.firsts[number], corrections.firsts[number + 1]

@@ -124,7 +124,7 @@ def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progre
             if by == "time" and not part.times.any():
                 raise OptionError(
                     f"Expected gps_time in {header.path}, to tell passes apart by their pauses, got none. Say"
-                    " --rounds file where each file is a pass, or --rounds source."
+                    " --passes file where each file is a pass, or --passes source."
                 )
             keys = np.full(len(part.times), file if by == "file" else 0, np.int64)
             keys = part.source_ids.astype(np.int64) if by == "source" else keys
@@ -142,7 +142,7 @@ def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progre
             if len(sums) > MOST_SECONDS:
                 raise OptionError(
                     f"Expected gps_time in seconds, got points of more than {MOST_SECONDS:,} different ones, the last"
-                    f" in {header.path}. Are these times? If not, say --rounds file."
+                    f" in {header.path}. Are these times? If not, say --passes file."
                 )
     seconds = sorted(sums)
     values = np.array([sums[second] for second in seconds])
