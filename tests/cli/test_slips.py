@@ -124,3 +124,11 @@ def test_where_nothing_fits_that_is_said(localized, priors):
     ended = localized(rows_of(far))
     assert ended.code == 1
     assert "meant otherwise (axes, angles, frames) they are not localized either" in ended.out
+
+
+def test_times_in_another_zone_are_told_and_mended_by_an_offset(localize, drive, priors, tmp_path):
+    late = tmp_path / "late.csv"
+    late.write_text("\n".join(["time,x,y,z,roll,pitch,heading", *rows_of((t + 3600.0, pose) for t, pose in priors)]))
+    assert "about +1 h: a time zone" in localize(prior=late).err
+    ended = localize("--time-offset", "-3600", prior=late)
+    assert (ended.code, ended.err) == (0, "")

@@ -79,7 +79,10 @@ class DriveOpener:
         scans = self._scans(entry, mounting)
         frame = frame_of(scans, mounting)
         prior = _prior(point_map, entry, self.recording, mounting, frame)
+        later = self.recording.time_offset
+        prior = replace(prior, trajectory=prior.trajectory.later(later))
         odometry, odometry_words = _odometry(entry.odometry, self.recording, mounting, frame)
+        odometry = odometry and odometry.later(later)
         words = [*_words_of(scans, quiet), prior.words, odometry_words]
         if self.is_track and odometry is not None and MotionNoise.of_odometry(odometry) != MotionNoise():
             words.append("the odometry jumps as no vehicle does: it is trusted that much less")

@@ -84,6 +84,7 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
         metavar="TOML",
     )
     at_stamp: AtStamp = False
+    time_offset: float = flag(0.0, "Added to the times of the prior and of the odometry.", metavar="S")
 
     def __post_init__(self) -> None:
         check_exclusive({"--prior-topic": self.prior_topic}, {"--prior-frames": self.prior_frames})

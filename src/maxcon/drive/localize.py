@@ -366,7 +366,7 @@ def _poses_of_scans(scans: Scans, trajectory: Trajectory, options: DriveOptions,
             f"Expected poses of the {what} for the scans, {scans.times[0]:.3f} to {scans.times[-1]:.3f} s, but the"
             f" {what} trajectory has none near any of them ({trajectory.times[0]:.3f} to {trajectory.times[-1]:.3f} s)."
             f" Do both use the same clock? {_clocks_in_words(float(scans.times[0]), float(trajectory.times[0]))}"
-            "Give the scans' times with --times."
+            "Give the scans' times with --times, or what is to be added to the others: --time-offset."
         )
     return poses
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -154,6 +154,10 @@ class Trajectory:
     def poses(self) -> list[Pose]:
         """Return all poses, in order of time."""
         return _poses(self.positions, self.quaternions_xyzw)
+
+    def later(self, seconds: float) -> Trajectory:
+        """Return the same poses at times later by so many seconds."""
+        return replace(self, times=self.times + seconds)
 
     def at(self, time: float, max_gap: float = 0.5) -> Pose:
         """Return the pose at `time` (s): positions are linear between poses, turns take the shortest arc.

@@ -241,7 +241,7 @@ def write_tables(folder: Path, alignment: Alignment, summary: dict[str, object],
         "inflation": round(alignment.adjusted.inflation, 3),
         "sigma": {
             "of_pass_before": round(alignment.sigma_before, 5),
-            "of_round": round(alignment.sigma_of_pass, 5),
+            "of_pass": round(alignment.sigma_of_pass, 5),
             "of_map": round(alignment.sigma_of_map, 5),
             "of_datum": round(alignment.sigma_of_datum, 5),
         },
