@@ -37,7 +37,7 @@ from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import pose_error
 
 PERIOD, PER_SCAN, FIX_EVERY, SIGMA = 0.1, 5, 10, 2.0
-LATE = 0.1  # s
+LATE, STARTING = 0.1, 10.0  # s
 NO_TWIST = {"twist": dict.fromkeys(("linear", "angular"), dict.fromkeys("xyz", 0.0)), "covariance": np.zeros(36)}
 
 
@@ -147,14 +147,13 @@ class Player:
             if number % FIX_EVERY == 0:
                 yield stamp, next(order), self.fix, number, stamp
 
-    def play(self, events, restart):
-        """Send what is due and take what comes, to two seconds after the end; `restart` at a time, s."""
+    def play(self, events, others):
+        """Send what is due and take what comes, to two seconds after the end; call others at their times, s."""
         heapq.heapify(events)
         end = max(events)[0] + 2.0
         while (now := time.time()) < end:
-            if restart is not None and now >= restart[0]:
-                restart[1]()
-                restart = None
+            if others and now >= others[0][0]:
+                others.pop(0)[1]()
             if events and events[0][0] <= now:
                 _, _, send, number, stamp = heapq.heappop(events)
                 send(number, stamp)
@@ -182,7 +181,6 @@ def main():
     while not player.told:  # until it has begun to listen
         player.cloud(0, time.time())
         player.wire.listen(0.5)
-    memory.append(node.mebibytes)
     player.told, player.poses = {}, {}
     start, spent = time.time() + 1.0, node.seconds
 
@@ -190,15 +188,23 @@ def main():
         node.end()
         node.start()
 
-    restart = None if options.restart is None else (start + options.restart, restarted)
-    player.play(list(player.events(options.scans, start, options.disturb, rng)), restart)
+    load = os.getloadavg()[0]
+    others = [
+        (start + at, lambda: memory.append(node.mebibytes)) for at in np.arange(0.0, PERIOD * options.scans, 30.0)
+    ]
+    starts = [start]
+    if options.restart is not None:
+        starts.append(start + options.restart)
+        others = sorted([*others, (starts[1], restarted)], key=lambda other: other[0])
+    player.play(list(player.events(options.scans, start, options.disturb, rng)), others)
     memory.append(node.mebibytes)
-    spent = node.seconds - spent * (restart is None)
+    spent = node.seconds - spent * (len(starts) == 1)
     node.end()
-    report(player, memory, spent, None if restart is None else restart[0])
+    report(player, memory, starts)
+    print(f"- processor time since the last start: {spent:.0f} s; load {load:.1f} to {os.getloadavg()[0]:.1f}")
 
 
-def report(player, memory, spent, restarted):
+def report(player, memory, starts):
     answered = {stamp: player.poses.get(stamp, told) for stamp, told in player.told.items() if stamp in player.sent}
     latency = np.array([1e3 * at - stamp for stamp, (at, _) in answered.items()])
     found = {stamp: pose for stamp, (_, pose) in player.poses.items() if stamp in player.sent}
@@ -207,23 +213,25 @@ def report(player, memory, spent, restarted):
     counts = ", ".join(
         f"{name[2:]} {player.last[name]}" for name in ("n_answered", "n_dropped", "n_late", "n_duplicates")
     )
-    print("| sent | answered | localized | right | wrong, localized | ms: median / 99 % / worst | over 100 ms | MiB |")
-    print("|---|---|---|---|---|---|---|---|")
+    late = {stamp for stamp, (at, _) in answered.items() if 1e3 * at - stamp > 1e3 * LATE}
+    n_starting = sum(any(0 <= stamp / 1e3 - start < STARTING for start in starts) for stamp in late)
+    print("| sent | answered | localized | right | wrong, localized | ms: median / 99 % / worst | over 100 ms |")
+    print("|---|---|---|---|---|---|---|")
     print(
         f"| {len(player.sent)} | {len(answered)} | {len(found)} | {sum(error.is_success for error in errors)}"
         f" | {sum(not error.is_success for error in errors)} | {median:.0f} / {almost:.0f} / {worst:.0f}"
-        f" | {(latency > 1e3 * LATE).sum()} | {memory[0]:.0f}, at the end {memory[1]:.0f} |"
+        f" | {len(late)}, {n_starting} at starts |"
     )
-    print(f"\nthe node itself counts: {counts}; {spent:.0f} s of processor time")
+    print(f"\n- the node itself counts: {counts}")
+    print(f"- MiB, each 30 s and at the end: {', '.join(f'{each:.0f}' for each in memory)}")
     others = [words.partition(", ")[2] for stamp, (_, words) in player.told.items() if stamp not in player.poses]
     for words in sorted(set(others))[:12]:
         print(f"- {others.count(words)} x {words}")
-    for stamp, (at, _) in sorted(answered.items()):
-        if 1e3 * at - stamp > 1e3 * LATE:
-            print(f"- {1e3 * at - stamp:.0f} ms: scan {player.sent[stamp]}, {player.told[stamp][1]}")
-    if restarted is not None:
-        after = min((at for stamp, (at, _) in player.poses.items() if stamp > 1e3 * restarted), default=np.inf)
-        print(f"- {after - restarted:.1f} s from the kill to the first pose")
+    for stamp in sorted(late):
+        print(f"- {1e3 * answered[stamp][0] - stamp:.0f} ms: scan {player.sent[stamp]}, {player.told[stamp][1]}")
+    for start in starts:
+        after = min((at for stamp, (at, _) in player.poses.items() if stamp > 1e3 * start), default=np.inf)
+        print(f"- {after - start:.1f} s from the start to the first pose")
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ CLOUD, ODOMETRY, FIX = "sensor_msgs/msg/PointCloud2", "nav_msgs/msg/Odometry", "
 POSE, TRANSFORMS = "geometry_msgs/msg/PoseWithCovarianceStamped", "tf2_msgs/msg/TFMessage"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 OK, WARN, ERROR = 0, 1, 2  # levels of diagnostics
+DEPTHS = {CLOUD: 5, ODOMETRY: 100, FIX: 5}  # odometry is small and often, and all of it is needed
 UNSTATED_SIGMA = 5.0  # m, of a receiver that states none
 CUBES = (2**20,) * 3  # along each axis of a tile at most
 LISTEN = 0.1  # s between looks at whether the localizer still works
@@ -65,7 +66,7 @@ class Ros2Node:
         if self._geographic is not None:
             topics[names.fix] = (FIX, self._take_fix)
         for topic, (kind, take) in topics.items():
-            self._wire.subscribe(topic, kind, take)
+            self._wire.subscribe(topic, kind, take, depth=DEPTHS[kind])
         warn(f"listening to {', '.join(topics)}; the map's origin is {' in '.join(self._frame_words.values())}")
         told: set[str] = set()
         with self._live.working(self._publish) as thread:

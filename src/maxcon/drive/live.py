@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from maxcon.drive.live_inbox import LiveCounts, LiveInbox, LiveOptions, Position, Taken, WaitingScan, pose_near
+from maxcon.drive.live_inbox import MEMORY, LiveCounts, LiveInbox, LiveOptions, Position, Taken, WaitingScan, pose_near
 from maxcon.drive.localize import DriveOptions, EpochEstimate, pose_or_none, tracked_epoch
 from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
 from maxcon.drive.tracker import Tracker
@@ -166,7 +166,9 @@ class LiveLocalizer:
     def add_position(self, time: float, x: float, y: float, sigma: float) -> None:
         """Take a position without a heading: time, s; x, y in the CRS of the map, and their standard deviation, m."""
         x_low, y_low, _ = self.map.frame.origin
-        self._inbox.position = Position(time, x - x_low, y - y_low, sigma)
+        last = self._inbox.position
+        if last is None or not 0.0 < last.time - time < MEMORY:
+            self._inbox.position = Position(time, x - x_low, y - y_low, sigma)
 
     # --- what comes out ---------------------------------------------------------------------------------------
 

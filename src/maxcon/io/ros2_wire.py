@@ -3,14 +3,17 @@
 """Topics of ROS 2 by DDS, without ROS: messages go in and out as the bytes that ROS puts on the wire."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from maxcon.errors import MaxconError, needs_extra
+from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.recording import Message, decode_message, encode_message, message_types
 
 BLOCKED = 100_000_000  # ns that a writer waits at most for a reader that cannot follow
-DEPTH = 5  # messages of a topic that are kept for a reader
+DEPTH = 5  # messages of a topic that are kept
 
 
 def dds_names(topic: str, kind: str) -> tuple[str, str]:
@@ -76,17 +79,24 @@ class Ros2Wire:
                 " CYCLONEDDS_URI right?"
             ) from error
         self._waits = WaitSet(self._participant)
-        self._readers: list[tuple[Any, Any, str, str, Callable[[Any], None]]] = []
+        self._readers: list[tuple[Any, Any, int, Message, Callable[[Any], None]]] = []
 
-    def subscribe(self, topic: str, kind: str, tell: Callable[[Any], None], *, is_latched: bool = False) -> None:
-        """Have `listen` call `tell` with each message, decoded; best effort, as sensors publish, if not latched."""
+    def subscribe(
+        self, topic: str, kind: str, tell: Callable[[Any], None], *, depth: int = DEPTH, is_latched: bool = False
+    ) -> None:
+        """Have `listen` call `tell` with each message, decoded, of which so many are kept until then.
+
+        Best effort, as sensors publish; reliable, and with the last message of before, if latched.
+        """
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
         from cyclonedds.sub import DataReader
 
-        reader = DataReader(self._participant, self._topic(topic, kind), _qos(is_latched, is_reliable=is_latched))
+        reader = DataReader(
+            self._participant, self._topic(topic, kind), _qos(depth, is_latched, is_reliable=is_latched)
+        )
         new = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
         self._waits.attach(new)
-        self._readers.append((reader, new, topic, kind, tell))
+        self._readers.append((reader, new, depth, Message(topic, kind, "cdr", 0, b""), tell))
 
     def publisher(self, topic: str, kind: str, *, is_latched: bool = False) -> Callable[[dict[str, Any]], None]:
         """Return a function that publishes a message of nested values, from any thread.
@@ -96,16 +106,18 @@ class Ros2Wire:
         from cyclonedds.pub import DataWriter
 
         made = self._topic(topic, kind)
-        writer = DataWriter(self._participant, made, _qos(is_latched, is_reliable=True))
+        writer = DataWriter(self._participant, made, _qos(1 if is_latched else DEPTH, is_latched, is_reliable=True))
         return lambda content: writer.write(_packed(made.data_type, encode_message(kind, content)))
 
     def listen(self, seconds: float) -> None:
         """Hand on what has come, after waiting for so long at most; FileError where a message is broken."""
         self._waits.wait(round(seconds * 1e9))
-        for reader, new, topic, kind, tell in self._readers:
-            for message in reader.take(N=DEPTH, condition=new):
+        for reader, new, depth, empty, tell in self._readers:
+            for message in reader.take(N=depth, condition=new):
                 if message.sample_info.valid_data:  # else it says that a writer has gone
-                    tell(decode_message(Message(topic, kind, "cdr", 0, message.packed)))
+                    with as_file_error(Path(empty.topic), f"a topic of {empty.type}"):
+                        content = decode_message(replace(empty, data=message.packed))
+                    tell(content)
 
     def _topic(self, topic: str, kind: str) -> Any:
         from cyclonedds.topic import Topic
@@ -113,12 +125,12 @@ class Ros2Wire:
         return Topic(self._participant, dds_names(topic, kind)[0], _type_of(kind))
 
 
-def _qos(is_latched: bool, *, is_reliable: bool) -> Any:
+def _qos(depth: int, is_latched: bool, *, is_reliable: bool) -> Any:
     from cyclonedds.core import Policy, Qos
 
     return Qos(
         Policy.Reliability.Reliable(BLOCKED) if is_reliable else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile,
-        Policy.History.KeepLast(1 if is_latched else DEPTH),
+        Policy.History.KeepLast(depth),
         Policy.DataRepresentation(use_cdrv0_representation=True),
     )
