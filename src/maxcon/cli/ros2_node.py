@@ -33,6 +33,7 @@ OK, WARN, ERROR = 0, 1, 2  # levels of diagnostics
 DEPTHS = {CLOUD: 5, ODOMETRY: 100, FIX: 5}  # odometry is small and often, and all of it is needed
 UNSTATED_SIGMA = 5.0  # m, of a receiver that states none
 CUBES = (2**20,) * 3  # along each axis of a tile at most
+MOST_WARNINGS = 20  # of broken messages
 LISTEN = 0.1  # s between looks at whether the localizer still works
 
 
@@ -74,7 +75,7 @@ class Ros2Node:
                 try:
                     self._wire.listen(LISTEN)
                 except FileError as error:  # a message that is broken: others may not be
-                    if str(error) not in told:
+                    if str(error) not in told and len(told) < MOST_WARNINGS:
                         told.add(str(error))
                         warn(str(error))
         raise MaxconError("The thread of the localizer has ended, for the reason above. Start it again.")
@@ -83,7 +84,7 @@ class Ros2Node:
 
     def _take_cloud(self, message: Any) -> None:
         """Take a scan; FileError if it is broken."""
-        stamp = stamp_of(message, 0)
+        stamp = stamp_of(message, clock.time_ns())
         with as_file_error(Path(self._topics.points), "a point cloud"):
             cloud = decode_points(records_of_message(message), stamp)
         middle = 0.0 if self._topics.at_stamp else cloud.times.middle
@@ -98,7 +99,7 @@ class Ros2Node:
         pose = Pose(*numbers[:3], *angles_from_quaternions(numbers[3:]).tolist())
         self._odom_frame = frame_of(message) or self._odom_frame
         pose = pose if self._T_odometry_sensor is None else pose @ self._T_odometry_sensor
-        self._live.add_odometry(stamp_of(message, 0) / 1e9, pose)
+        self._live.add_odometry(stamp_of(message, clock.time_ns()) / 1e9, pose)
 
     def _take_fix(self, message: Any) -> None:
         """Take a position, if it is one; the scanner is as far from it as from the antenna."""
@@ -109,7 +110,7 @@ class Ros2Node:
         variance = max(float(message.position_covariance[k]) for k in (0, 4))
         sigma = math.sqrt(variance) if message.position_covariance_type > 0 and variance >= 0.0 else UNSTATED_SIGMA
         if math.isfinite(x + y + sigma):
-            self._live.add_position(stamp_of(message, 0) / 1e9, x, y, sigma + self._lever)
+            self._live.add_position(stamp_of(message, clock.time_ns()) / 1e9, x, y, sigma + self._lever)
 
     # --- out --------------------------------------------------------------------------------------------------
 

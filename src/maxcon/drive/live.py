@@ -226,14 +226,14 @@ class LiveLocalizer:
 
     def _localized(self, taken: Taken) -> EpochEstimate:
         """Track the scan; look for it without a prior where that gives no place."""
-        raw, (odometry, priors) = taken.scan.raw, (taken.odometry, taken.priors)
+        raw, odometry, priors, position = taken
         source = priors if odometry is None else odometry
         pose = None if source is None else pose_near(source, raw.time, self.drive.max_gap)
         motion = None if pose is None else self._motion(raw.time, pose, source, is_odometry=odometry is not None)
         own = None if priors is None else self._prior_at(raw.time, priors, odometry)
         read = self._deskewed(raw, source)
-        told = self._tracked(taken.number, read, own, motion)
-        around = self._around(taken.position, raw.time, pose, odometry)
+        told = self._tracked(self._inbox.counts.n_answered - 1, read, own, motion)
+        around = self._around(position, raw.time, pose, odometry)
         self._n_without = 0 if told.pose_global is not None else self._n_without + 1
         is_due = self._n_without > 0 and self._n_without % self.options.patience == 0
         if self._tracker.prediction is None or motion is None:  # at first a position is waited for
@@ -248,9 +248,7 @@ class LiveLocalizer:
             self._correction = told.estimate.pose @ pose.inverse
         return told
 
-    def _tracked(
-        self, number: int, read: tuple[RawScan, str], own: Pose | None, motion: Motion | None
-    ) -> EpochEstimate:
+    def _tracked(self, number: int, read: Read, own: Pose | None, motion: Motion | None) -> EpochEstimate:
         try:
             return tracked_epoch(self.map, self._tracker, number, read, own, motion)
         except MaxconError as error:  # a tile that cannot be read: others may be

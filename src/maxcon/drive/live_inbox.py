@@ -72,14 +72,8 @@ class WaitingScan(NamedTuple):
     raw: RawScan
 
 
-class Taken(NamedTuple):
-    """A scan, and what is known for it: poses of the odometry, priors (local frame), the last position."""
-
-    number: int
-    scan: WaitingScan
-    odometry: Trajectory | None
-    priors: Trajectory | None
-    position: Position | None
+Taken = tuple[RawScan, Trajectory | None, Trajectory | None, Position | None]
+"""A scan, and what is known for it: poses of the odometry, priors (local frame), the last position."""
 
 
 @dataclass
@@ -164,9 +158,8 @@ class LiveInbox:
         with self.changed:
             if not self._scans or not self._is_ready(self._scans[0], now):
                 return None
-            number = self.counts.n_answered
             self.count(n_answered=1)
-            return Taken(number, self._next(), self.odometry.trajectory(), self.priors.trajectory(), self.position)
+            return self._next().raw, self.odometry.trajectory(), self.priors.trajectory(), self.position
 
     def _next(self) -> WaitingScan:
         scan = self._scans.pop(0)
