@@ -3,6 +3,8 @@
 """What `maxcon map build`, `info` and `copy` say of a map, in a folder and on an S3 server."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,7 +75,7 @@ def test_how_well_a_map_is_known_and_from_what(build, maxcon, refused, street_np
     assert build(street_npz, "--sigma", "0.0075")["sigma"] == "sigma        0.0075 m, given"
     words = build(passes)["sigma"]
     assert words.startswith("sigma        0.010 m, from 2 passes of 0.014 m each, compared at ")
-    file.write_text(json.dumps({"sigma": {"of_map": 0.0125}, "n_rounds": 2, "n_ties": 100}))
+    file.write_text(json.dumps({"sigma": {"of_map": 0.0125}, "n_passes": 2, "n_ties": 100}))
     assert build(passes)["sigma"].startswith("sigma        0.0125 m, from alignment.json beside the clouds")
     file.write_text("{")
     refused(maxcon("map", "build", passes, "-o", out / "b.map"), "alignment.json", "--sigma")
@@ -136,3 +138,14 @@ def test_how_far_apart_the_points_of_a_map_lie(build, tmp_path, spacing, options
     np.savez(tmp_path / "a.npz", points=points)
     said = build(tmp_path / "a.npz", "--classify", "off", *options)
     assert f" of {cell:g} m" in said["voxels"] and said["spacing"].endswith(words)
+
+
+def test_of_many_sources_the_first_are_shown(maxcon, drive, tmp_path):
+    city = tmp_path / "many.map"
+    shutil.copytree(drive.city, city)
+    made = read_manifest(city)
+    first = made.build["sources"][0]
+    write_manifest(city, replace(made, build={**made.build, "sources": [first] * 23}))
+    said = maxcon("map", "info", city).out.splitlines()
+    assert sum(line.startswith("source ") for line in said) == 20
+    assert said[-1].strip() == "3 more sources in manifest.json"

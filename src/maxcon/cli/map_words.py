@@ -18,6 +18,7 @@ from maxcon.mapping.build.options import class_name, found_ratios
 from maxcon.mapping.build.spacing import MARGIN
 
 MOST_PAIRS = 15  # in the printed table; residuals.csv has all
+MOST_SOURCES = 20
 
 
 # --- a map -----------------------------------------------------------------------------------------------------
@@ -52,7 +53,10 @@ def print_manifest(manifest: Manifest) -> None:
     rows += [("sigma", sigma_words(manifest)), ("made by", str(build.get("program", "unknown")))]
     rows += rows_of_updates(build.get("updates", []))
     print_rows(rows)
-    print_rows(("source", _source(source, is_found="found" in build)) for source in build.get("sources", []))
+    sources = build.get("sources", [])
+    print_rows(("source", _source(source, is_found="found" in build)) for source in sources[:MOST_SOURCES])
+    if len(sources) > MOST_SOURCES:
+        typer.echo(f"{'':<12} {len(sources) - MOST_SOURCES} more sources in manifest.json")
 
 
 def rows_of_updates(updates: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:

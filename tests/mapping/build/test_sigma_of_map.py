@@ -193,13 +193,13 @@ def test_alignments_beside_the_clouds(tmp_path, cloud_files, surfaces):
     points, times = three_passes(surfaces, n_walls=6)
     path, file = cloud_files.npz(tmp_path / "a.npz", points, times=times), tmp_path / "alignment.json"
     cases = ((0.03, 60, 3, 0.03), (0.001, 60, 3, 0.001), (0.001, 60, 1, 0.02), (0, 9, 3, 0.02))
-    for sigma, n_ties, n_rounds, wanted in cases:
-        file.write_text(json.dumps({"sigma": {"of_map": sigma}, "n_ties": n_ties, "n_rounds": n_rounds, "more": []}))
+    for sigma, n_ties, n_passes, wanted in cases:
+        file.write_text(json.dumps({"sigma": {"of_map": sigma}, "n_ties": n_ties, "n_passes": n_passes, "more": []}))
         assert aligned_sigma([path]) == wanted
-    file.write_text(json.dumps({"sigma": {"of_map": 0.05}, "n_ties": 60, "n_rounds": 3}))
+    file.write_text(json.dumps({"sigma": {"of_map": 0.05}, "n_ties": 60, "n_passes": 3}))
     manifest = build_map([path], tmp_path / "a.map")
     assert (manifest.sigma, manifest.build["sigma"]) == (0.05, {"from": "alignment"})
-    for content in ("{", "[]", '{"sigma": {"of_map": "a"}}', '{"sigma": {"of_map": -1.0}, "n_ties": 1, "n_rounds": 1}'):
+    for content in ("{", "[]", '{"sigma": {"of_map": "a"}}', '{"sigma": {"of_map": -1.0}, "n_ties": 1, "n_passes": 1}'):
         file.write_text(content)
         with pytest.raises(FileError, match=r"alignment\.json.*--sigma"):
             aligned_sigma([path])

@@ -72,7 +72,7 @@ class _Sigmas(Struct):
 class _Alignment(Struct):
     sigma: _Sigmas
     n_ties: int
-    n_rounds: int
+    n_passes: int
 
 
 def aligned_sigma(files: Iterable[Path]) -> float | None:
@@ -83,7 +83,7 @@ def aligned_sigma(files: Iterable[Path]) -> float | None:
         if not file.exists():
             return None
         found = checked(read_json(file, what, advice, LARGEST_ALIGNMENT), _Alignment, file, what, advice)
-        is_known = found.n_rounds > 1 and found.n_ties >= LEAST_CONSTRAINTS
+        is_known = found.n_passes > 1 and found.n_ties >= LEAST_CONSTRAINTS
         largest = max(largest, found.sigma.of_map, 0.0 if is_known else UNKNOWN_SIGMA)
     return largest
 
