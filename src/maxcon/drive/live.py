@@ -34,11 +34,9 @@ from maxcon.search.coarse import CELL
 # A prior is moved on by the odometry for so long, and a position used for so long, s; without odometry the vehicle may
 # have driven at this speed since, m/s. Beside so many of its sigmas a position may be off by this, m.
 LONGEST_AGE, FASTEST, SIGMAS, ROOM = 2.0, 30.0, 3.0, 1.0
-# So many positions in a row that are off are believed.
-FEWEST_OFF = 2
+FEWEST_OFF = 2  # positions in a row that are believed against a track
 # What is known of a place that was found without a prior, before it is tracked: x, y, z (m), roll, pitch and heading.
 START = np.diag(np.square([0.1, 0.1, 1.0, *np.radians([1.0, 1.0, 0.5])]))
-
 LOOK_EVERY = 0.005  # s between looks at whether a scan has waited long enough
 METRES_AHEAD = 150.0  # tiles are read before they are needed, m around the vehicle
 
