@@ -100,15 +100,27 @@ def test_what_the_map_may_have_as_well_is_not_corrected_and_widens_the_covarianc
     assert math.sqrt(found.covariance[1, 1]) == pytest.approx(abs(found.refined.pose.y - TRUTH.y), abs=0.02)
 
 
-def test_a_scan_that_is_explained_in_two_ways_from_two_places_is_refused(monkeypatch):
+def test_two_explanations_from_near_places_widen_the_covariance_from_far_ones_the_scan_is_refused(monkeypatch):
     point_map, scan = town(1)
     changed = distorted(scan, STRETCHED, 0.9)
-    assert fitted(changed, point_map).misfit < 1.0
+    alone = fitted(changed, point_map)
     monkeypatch.setattr(patterns, "RIVALLING", -1.0)
     monkeypatch.setattr(patterns, "APART", 0.0)
-    found = fitted(changed, point_map)
+    both = fitted(changed, point_map)
+    assert both.misfit == alone.misfit < 1.0
+    assert np.trace((both.covariance - alone.covariance)[:2, :2]) > 0.01**2
+    monkeypatch.setattr(fit, "COVERED", 0.0)
+    refused = fitted(changed, point_map)
+    assert refused.misfit > 1.0
+    assert "it may as well be that, seen from another place, the scan " in refused.words
+
+
+def test_a_large_pattern_that_the_scan_does_not_have_leaves_it_unexplained(monkeypatch):
+    point_map, scan = town(1)
+    monkeypatch.setattr(patterns, "LEAST_GAIN", 10.0)
+    found = fitted(distorted(scan, STRETCHED, 1.2), point_map)
     assert found.misfit > 1.0
-    assert "it may as well be that, seen from another place, the scan " in found.words
+    assert "residuals stay unexplained where the scan looks stretched along the way" in found.words
 
 
 def test_away_from_the_right_pose_patches_lie_beside_the_map():

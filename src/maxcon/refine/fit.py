@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maxcon.map import PointMap
 from maxcon.map.voxel_table import VoxelTable
 from maxcon.refine.adjustment import Refined
-from maxcon.refine.patterns import PATCH_POINTS, Partners, without_pattern
+from maxcon.refine.patterns import PATCH_POINTS, Partners, explain
 from maxcon.scan import Scan
 
 PATCH_OFF = 0.05
@@ -32,8 +32,9 @@ FOUND_BEFORE, ALL_BEFORE = 2, 4
 """Added to the numbers of found and of all points: few are less certain than many."""
 LEVEL = 0.5
 """A wall point has a normal with a vertical part below this."""
-RIVALLED = 2.0
-"""The misfit where a scan can be explained in two ways, from two places."""
+UNKNOWN, COVERED = 2.0, 0.25
+"""The misfit where a scan is explained in no way, or in two from two places; within this distance, m, the covariance
+covers both of them."""
 UNMODELLED = 0.33
 """Of the shift that a pattern of the scan causes so much is left as an error: motion is not as even as the pattern."""
 
@@ -60,7 +61,8 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
     sample: the scan's, of which the pose was refined; table: the voxels around it.
     """
     partners, errors, doubts = Partners.of(sample, refined.pose, point_map, table), np.zeros((6, 6)), []
-    best, rivals = without_pattern(refined, partners, sample, point_map, table)
+    explanation = explain(refined, partners, sample, point_map, table)
+    best = explanation.corrected
     if best is not None:
         is_corrected, shift = best.pattern.is_of_scan, best.refined.pose.values - refined.pose.values
         words = best.words(" (corrected)" if is_corrected else "")
@@ -68,8 +70,14 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
         if is_corrected:
             refined, partners = best.refined, Partners.of(best.scan, best.refined.pose, point_map, table)
         errors = np.outer(shift, shift) * (UNMODELLED**2 if is_corrected else 1.0)
-    if rivals:
-        doubts.append((RIVALLED, f"it may as well be that, seen from another place, the scan {rivals[0].words()}"))
+    for rival in explanation.rivals:
+        shift = rival.refined.pose.values - refined.pose.values
+        if np.hypot(*shift[:2]) > COVERED:
+            doubts.append((UNKNOWN, f"it may as well be that, seen from another place, the scan {rival.words()}"))
+            break
+        errors += np.outer(shift, shift)
+    if explanation.unexplained is not None:
+        doubts.append((UNKNOWN, f"residuals stay unexplained where the scan {explanation.unexplained.words()}"))
     doubts += [*_patches_beside(partners, point_map.cell), *_missing_sides(partners)]
     misfit, words = max((each for each, _ in doubts), default=0.0), "; ".join(words for _, words in doubts)
     return Fit(misfit, words, refined, errors)

@@ -31,9 +31,11 @@ or one that shifts the pose by so much, m."""
 LEAST_GAIN = 0.03
 """The scan has it if it is as large and significant after all steps, and the points of the scan without it have so much
 more weight, as a ratio."""
-RIVALLING, APART, LARGE = 0.5, 0.1, 5.0
-"""A pattern with this ratio of that gain, less `LEAST_GAIN`, rivals it if its pose lies so far away, m; one of so many
-times its notable size rivals a scan without any."""
+RIVALLING, APART = 0.5, 0.1
+"""A pattern with this ratio of that gain, less `LEAST_GAIN`, rivals it if its pose lies so far away, m."""
+LARGE, INSECURE_GAIN = 5.0, 0.06
+"""A pattern of so many times its notable size that a scan does not have is left unexplained; so is the one with the
+largest gain if that exceeds this, and its size is not significant."""
 TRIAL_POINTS = 1500
 """Patterns are compared by so many points of the sample."""
 SECTORS, FEWEST_SECTORS = 36, 27
@@ -172,30 +174,42 @@ class Corrected:
         return f"{found}: {self.pattern.remedy}" if self.pattern.remedy else found
 
 
-def without_pattern(
-    refined: Refined, partners: Partners, sample: Scan, point_map: PointMap, table: VoxelTable
-) -> tuple[Corrected | None, list[Corrected]]:
-    """The scan without the pattern that it has, None if it has none; and patterns that rival this explanation.
+@dataclass(frozen=True, slots=True, eq=False)
+class Explanation:
+    """What a scan has that makes it fit as it does.
 
-    refined, partners: of the sample of a scan, as it is. Rivals explain the scan about as well, from another place, or
-    are large where none explains it.
+    corrected: the scan without the pattern that it has; None if it has none.
+    rivals: patterns that explain the scan about as well, from another place.
+    unexplained: a pattern that is too large, or gains too much, for a scan that does not have it; None without one.
     """
+
+    corrected: Corrected | None
+    rivals: list[Corrected]
+    unexplained: Corrected | None
+
+
+def explain(refined: Refined, partners: Partners, sample: Scan, point_map: PointMap, table: VoxelTable) -> Explanation:
+    """Find the pattern that explains a scan best. refined, partners: of the sample of a scan, as it is."""
     step = max(1, len(sample) // TRIAL_POINTS)
     some, weight = Scan(sample.points[::step], sample.normals[::step]), float(refined.weights[::step].sum())
     suspected = _suspected(partners, sample, refined.start_weights)
-    tried = [_without(*each, refined, weight, some, point_map, table) for each in suspected]
-    best = max(filter(_is_there, tried), key=lambda each: each.gain, default=None)
+    tried = sorted((_without(*each, refined, weight, some, point_map, table) for each in suspected), key=_by_gain)
+    best = next(filter(_is_there, tried), None)
     gain, place = (0.0, refined.pose) if best is None else (best.gain, best.refined.pose)
     rivals = [
-        each
-        for each in tried
-        if (each.gain > RIVALLING * gain - LEAST_GAIN and _apart(each.refined.pose, place) > APART)
-        or (best is None and abs(each.size) > LARGE * each.pattern.notable)
+        each for each in tried if each.gain > RIVALLING * gain - LEAST_GAIN and _apart(each.refined.pose, place) > APART
     ]
     if best is None:
-        return None, rivals
-    whole = _without(best.pattern, best.size, np.zeros(6), best.refined, weight, sample, point_map, table)
-    return replace(whole, gain=best.gain), rivals
+        unexplained = [each for each in tried if abs(each.size) > LARGE * each.pattern.notable]
+    else:
+        whole = _without(best.pattern, best.size, np.zeros(6), best.refined, weight, sample, point_map, table)
+        best, unexplained = replace(whole, gain=best.gain), []
+    unexplained += [each for each in tried[:1] if each.gain > INSECURE_GAIN and each.significance < SIGNIFICANT]
+    return Explanation(best, rivals, unexplained[0] if unexplained else None)
+
+
+def _by_gain(tried: Corrected) -> float:
+    return -tried.gain
 
 
 def _apart(one: Pose, other: Pose) -> float:
