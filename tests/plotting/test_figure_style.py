@@ -1,14 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-import sys
-
 import matplotlib
 import numpy as np
 import pytest
 
 import maxcon
 from drawn_figures import yard
-from maxcon.errors import FileError, MissingExtraError
+from maxcon.errors import FileError
 from maxcon.plotting.figure import saved_figure
 from maxcon.plotting.from_above import Window, count_voxels, round_length
 
@@ -39,12 +37,6 @@ def test_nothing_is_left_behind_when_writing_fails(tmp_path, monkeypatch):
     with pytest.raises(FileError, match="No space left on device"):
         draw(tmp_path / "a.png")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_without_matplotlib_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[demo\]'"):
-        draw(tmp_path / "a.png")
 
 
 def test_voxels_over_each_square_are_counted():

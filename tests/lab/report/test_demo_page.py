@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
 import re
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from types import SimpleNamespace
@@ -9,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from maxcon.errors import MissingExtraError
 from maxcon.lab.report import Picture, write_page
 from maxcon.lab.report.study_statistics import plot_error_distributions
 from opened_pages import assert_whole
@@ -126,9 +124,3 @@ def test_nothing_is_fetched_from_anywhere(written):
     assert len(addresses) == 7
     assert all(address.startswith("data:") for address in addresses)
     assert "url(" not in text and "@import" not in text
-
-
-def test_without_jinja2_the_extra_is_named(page, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[demo\]'"):
-        write_page(tmp_path / "demo.html", "demo.html.j2", page)

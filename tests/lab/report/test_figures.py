@@ -16,7 +16,7 @@ from maxcon.errors import OptionError
 from maxcon.lab.evaluation import Quantiles, RiskCoverage
 from maxcon.lab.paper.distinctness_plots import MEASURES, plot_distinctness, plot_kurtosis_map
 from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison, plot_overview
-from maxcon.lab.report.certainty_plots import SigmaPanel, plot_risk_coverage, plot_sigmas, plot_stanford
+from maxcon.lab.report.certainty_plots import plot_risk_coverage, plot_sigmas, plot_stanford
 from maxcon.lab.report.prior_error import plot_prior_error
 from maxcon.lab.report.study_statistics import percents_within, plot_error_distributions, plot_success, round_width
 from maxcon.lab.report.timeline import ErrorRow, plot_timeline
@@ -106,7 +106,7 @@ FIGURES = {
     "success": lambda path: plot_success(
         path, {HOSTILE: (np.abs(ALONG), ALONG > 0.0), "b": (np.abs(ALONG[:30]), ALONG[:30] > 0.0)}
     ),
-    "sigmas": lambda path: plot_sigmas(path, [SigmaPanel(HOSTILE, "m", ERRORS, np.full(40, 0.01))], title=HOSTILE),
+    "sigmas": lambda path: plot_sigmas(path, [ErrorRow(HOSTILE, "m", ERRORS, np.full(40, 0.01), NAN)], title=HOSTILE),
     "Stanford": lambda path: plot_stanford(
         path, {"x": ERRORS, "y": NAN}, {"x": np.full(40, 0.1), "y": ERRORS + 0.1}, title=HOSTILE
     ),
@@ -147,7 +147,7 @@ ODD = {
     "errors beyond the axis": lambda path: plot_error_distributions(path, {"a": array(0.0, 0.01, 10.0, np.nan, 1e9)}),
     "an empty bin, no success": lambda path: plot_success(path, {"a": (array(0.1, 3.0), np.zeros(2, bool))}),
     "a huge error": lambda path: plot_sigmas(
-        path, [SigmaPanel("x", "m", array(1e9, 0.0), array(0.01, 0.01))], title="T"
+        path, [ErrorRow("x", "m", array(1e9, 0.0), array(0.01, 0.01), NAN)], title="T"
     ),
     "no level": lambda path: plot_stanford(path, {"x": array(0.0)}, {"x": array(np.nan)}, title="T"),
     "all wrong": lambda path: plot_risk_coverage(path, {"a": risk(30, 30, 30)}),
@@ -185,7 +185,7 @@ def _certainty(n):
 @pytest.mark.parametrize("n_epochs", [1, 1001])
 def test_nothing_is_cut_off_in_figures_of_certainty(n_epochs, tmp_path, drawn):
     errors, sigmas, statuses = _certainty(n_epochs)
-    panels = [SigmaPanel(f"kind {number}", "cm", errors[number], sigmas[number]) for number in range(3)]
+    panels = [ErrorRow(f"kind {number}", "cm", errors[number], sigmas[number], sigmas[number]) for number in range(3)]
     plot_sigmas(tmp_path / "sigmas.png", panels, title="Error against predicted sigma: a method")
     by_errors, by_levels = dict(along=errors[0], across=errors[1]), dict(along=3.0 * sigmas[0], across=40.0 * sigmas[1])
     plot_stanford(tmp_path / "stanford.png", by_errors, by_levels, title="Protection level against true error")
@@ -251,7 +251,7 @@ def test_errors_and_success_are_counted(tmp_path):
 
 
 def test_sigmas_levels_and_risk_are_counted(tmp_path):
-    panel = SigmaPanel("along", "cm", array(0.5, -1.5, 2.5, 9.0, np.nan), np.ones(5))
+    panel = error_row([0.5, -1.5, 2.5, 9.0, np.nan], np.ones(5), NAN)
     written = told(tmp_path, lambda path: plot_sigmas(path, [panel], title="T"))
     assert {"within: 25.0 · 50.0 · 75.0 % of 4", "predicted sigma [cm]"} <= set(written)
     errors = {"along": array(0.05, -0.1, 0.2, -0.5, 0.1, 0.9, 3.0, np.nan), "none": array(0.1)}

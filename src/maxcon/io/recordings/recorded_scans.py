@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: MIT
 """The scans of a recording, in order of time."""
 
-import os
 import threading
 import weakref
 from collections import Counter
 from collections.abc import Iterator
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from maxcon._system import Progress
 from maxcon.errors import FileError
 from maxcon.io.raw_scan import RawScan, Scans, scan_within
-from maxcon.io.recordings.clouds import CloudSource, RecordedCloud, open_clouds
+from maxcon.io.recordings.clouds import CloudSource, RecordedCloud
 
 
 class _Index(NamedTuple):
@@ -48,11 +47,6 @@ class RecordedScans(Scans):
         self._start, self._next = 0, 0
         self._lock = threading.Lock()  # epochs may be localized by several threads
         self._close = weakref.finalize(self, source.close)
-
-    @classmethod
-    def open(cls, path: str | os.PathLike[str], topic: str | None = None, *, at_stamp: bool = False) -> Self:
-        """Return the scans of a recording; errors as of `open_clouds`."""
-        return cls(open_clouds(path, topic), at_stamp=at_stamp)
 
     def find_times(self, progress: Progress | None = None) -> None:
         """Find the times of all scans now, with progress; otherwise that is done when they are first needed."""

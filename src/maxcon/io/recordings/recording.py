@@ -230,19 +230,16 @@ def write_recording(path: Path, kind: RecordingKind, entries: Iterable[Entry]) -
 
 
 def write_bag(bag: Any, store: Any, serialize: Callable[[Any, str], Any], entries: Iterable[Entry]) -> None:
-    """Write messages into a bag opened by rosbags; `serialize` is the method of the store of types that encodes."""
+    """Write messages into a bag opened by rosbags; `serialize` is the method of the store of types that encodes.
+
+    The header of a message is that of a sensor at its time, unless it has one.
+    """
     connections: dict[str, Any] = {}
-    for entry, nanoseconds, content in _messages(store, entries):
+    for entry in entries:
         if entry.topic not in connections:
             connections[entry.topic] = bag.add_connection(entry.topic, entry.type, typestore=store)
-        bag.write(connections[entry.topic], nanoseconds, serialize(content, entry.type))
-
-
-def _messages(store: Any, entries: Iterable[Entry]) -> Iterator[tuple[Entry, int, Any]]:
-    """Yield time (ns) and content of each; its header is that of a sensor at its time, unless it has one."""
-    for entry in entries:
-        content = {"header": header_of(entry.time, "sensor"), **entry.content}
-        yield entry, round(entry.time * 1e9), _built(store, entry.type, content)
+        content = _built(store, entry.type, {"header": header_of(entry.time, "sensor"), **entry.content})
+        bag.write(connections[entry.topic], round(entry.time * 1e9), serialize(content, entry.type))
 
 
 def _built(store: Any, kind: str, values: dict[str, Any]) -> Any:

@@ -143,6 +143,7 @@ def open_scans(
     has no cloud, or several and none is asked for; MissingExtraError if it is a recording, and the extra `recordings`
     is not installed; OptionError if times are given for a recording, or a topic for a folder.
     """
+    from maxcon.io.recordings.clouds import open_clouds
     from maxcon.io.recordings.opening import is_recording
     from maxcon.io.recordings.recorded_scans import RecordedScans
 
@@ -157,7 +158,7 @@ def open_scans(
         raise OptionError(
             f"Expected no times beside the recording {os.fspath(path)}: its messages have their own. Leave them out."
         )
-    return RecordedScans.open(path, topic, at_stamp=at_stamp)
+    return RecordedScans(open_clouds(path, topic), at_stamp=at_stamp)
 
 
 def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None) -> ScanFolder:

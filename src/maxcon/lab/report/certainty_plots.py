@@ -5,7 +5,7 @@
 import math
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from maxcon.lab.evaluation import (
     RiskCoverage,
     clopper_pearson,
 )
+from maxcon.lab.report.timeline import ErrorRow
 from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 
 if TYPE_CHECKING:
@@ -49,16 +50,7 @@ LEAST = 0.03
 FARTHEST = 4.0
 
 
-class SigmaPanel(NamedTuple):
-    """Errors of one kind, and their predicted standard deviations: shape (n,), in `unit`, NaN where there is none."""
-
-    name: str
-    unit: str
-    errors: Floats
-    sigmas: Floats
-
-
-def plot_sigmas(path: str | os.PathLike[str], panels: Sequence[SigmaPanel], *, title: str) -> None:
+def plot_sigmas(path: str | os.PathLike[str], panels: Sequence[ErrorRow], *, title: str) -> None:
     """Draw the error of each epoch against its predicted standard deviation, with lines at 1, 2 and 3 sigma.
 
     Below, the fraction of errors within k sigmas, over k, beside that of a normal distribution.
@@ -79,7 +71,7 @@ def plot_sigmas(path: str | os.PathLike[str], panels: Sequence[SigmaPanel], *, t
             _draw_fractions(lower, errors / sigmas)
 
 
-def _draw_sigmas(axes: "Axes", panel: SigmaPanel, errors: Floats, sigmas: Floats) -> None:
+def _draw_sigmas(axes: "Axes", panel: ErrorRow, errors: Floats, sigmas: Floats) -> None:
     """Draw errors over sigmas, with lines at 1, 2 and 3 sigma."""
     middle = math.sqrt(float(sigmas.min()) * float(sigmas.max()))
     low, high = min(0.8 * float(sigmas.min()), middle / 2.0), max(1.25 * float(sigmas.max()), middle * 2.0)

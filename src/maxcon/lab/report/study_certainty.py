@@ -21,7 +21,7 @@ from maxcon.lab.evaluation import (
     least_to_prove,
 )
 from maxcon.lab.report import Picture
-from maxcon.lab.report.certainty_plots import SigmaPanel, plot_risk_coverage, plot_sigmas, plot_stanford
+from maxcon.lab.report.certainty_plots import plot_risk_coverage, plot_sigmas, plot_stanford
 from maxcon.lab.report.study_statistics import NAMES, own_methods, shown_methods
 from maxcon.lab.report.timeline import ErrorRow, plot_timeline
 from maxcon.lab.study import MethodRows
@@ -149,11 +149,7 @@ def _errors_and_levels(rows: MethodRows) -> list[dict[str, NDArray[np.float64]]]
 
 
 def _sigmas(path: Path, rows: MethodRows) -> Picture:
-    panels = [
-        SigmaPanel(name, unit, *(factor * rows.numbers(column) for column in KINDS[name]))
-        for name, (unit, factor) in UNITS.items()
-    ]
-    plot_sigmas(path, panels, title=f"Error against predicted sigma: {rows.method}")
+    plot_sigmas(path, _error_rows(rows), title=f"Error against predicted sigma: {rows.method}")
     return Picture.of("sigmas", path)
 
 
@@ -180,18 +176,23 @@ def _risk_coverage(path: Path, methods: Mapping[str, MethodRows]) -> list[Pictur
     return [Picture.of("risk-coverage", path)]
 
 
-def _timeline(path: Path, prior: str, rows: MethodRows) -> Picture:
-    errors = []
+def _error_rows(rows: MethodRows) -> list[ErrorRow]:
+    """Errors, predicted sigmas and protection levels of the kinds that are drawn."""
+    found = []
     for name, (unit, factor) in UNITS.items():
         error, sigma = (factor * rows.numbers(column) for column in KINDS[name])
         level = rows.numbers(f"protection_{name}") if name in DIRECTIONS else np.full(len(error), np.nan)
-        errors.append(ErrorRow(name, unit, error, sigma, factor * level))
+        found.append(ErrorRow(name, unit, error, sigma, factor * level))
+    return found
+
+
+def _timeline(path: Path, prior: str, rows: MethodRows) -> Picture:
     plot_timeline(
         path,
         rows.numbers("epoch"),
         [str(word) for word in rows.words("status")],
         rows.numbers("is_success") == 0.0,
-        errors,
+        _error_rows(rows),
         title=f"The drive, epoch by epoch: {rows.method}, prior “{prior}”",
     )
     return Picture.of("timeline", path, prior=prior)

@@ -148,7 +148,7 @@ def draw_tree(rng: np.random.Generator) -> Patch:
         directions = rng.normal(size=(260, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         places = directions * rng.random((260, 1)) ** 0.25  # denser towards the hull
-        parts.append(_leaves(center + places * half_axes, LasClass.HIGH_VEGETATION, rng))
+        parts.append(leaves_at(center + places * half_axes, LEAF, LasClass.HIGH_VEGETATION, rng))
     return join(parts)
 
 
@@ -161,12 +161,13 @@ def draw_hedge(length: float, rng: np.random.Generator) -> Patch:
         (LasClass.LOW_VEGETATION, 40, 0.4, 0.15, 0.1),
     ):
         places = rng.uniform(-1.0, 1.0, (int(per_metre * length), 3)) * np.array([0.5 * length, half_depth, half])
-        parts.append(_leaves(np.array([0.0, y, half]) + places, las_class, rng))
+        parts.append(leaves_at(np.array([0.0, y, half]) + places, LEAF, las_class, rng))
     return join(parts)
 
 
-def _leaves(centers: NDArray[np.float64], las_class: LasClass, rng: np.random.Generator) -> Patch:
-    return triangles(centers[:, None] + rng.normal(0.0, LEAF, (len(centers), 3, 3)), las_class)
+def leaves_at(centers: NDArray[np.float64], size: float, las_class: LasClass, rng: np.random.Generator) -> Patch:
+    """Return a random triangle of about `size` (m) at each of `centers`, shape (n, 3), m."""
+    return triangles(centers[:, None] + rng.normal(0.0, size, (len(centers), 3, 3)), las_class)
 
 
 def lamp_pole() -> Patch:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.lab.simulation.facades import rain_pipe, relief, steps
-from maxcon.lab.simulation.furniture import LasClass, Patch, boxes, grid_faces, join, quads, triangles
-from maxcon.lab.simulation.suburb_ground import draw_ivy, leaves_at
+from maxcon.lab.simulation.furniture import LasClass, Patch, boxes, grid_faces, join, leaves_at, quads, triangles
+from maxcon.lab.simulation.suburb_ground import draw_ivy
 
 FOOT = -1.5  # lower edge of walls, m, below the ground at the origin, so that no house floats on a slope
 STOREY = 2.8

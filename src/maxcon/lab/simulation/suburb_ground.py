@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import OptionError
 from maxcon.lab.simulation.drive import Drive, Route, Seed, sway
-from maxcon.lab.simulation.furniture import OCTAGON, LasClass, Patch, grid_faces, join, prism, quads, triangles
+from maxcon.lab.simulation.furniture import OCTAGON, LasClass, Patch, grid_faces, join, leaves_at, prism, quads
 
 HALF_WIDTH = 3.1  # from the centre line to either kerb, m
 GARDEN_LEFT, GARDEN_RIGHT = 4.7, -6.5
@@ -168,11 +168,6 @@ MOVING = 0.5  # ratio of the leaves, and of the roughness of twigs, that differs
 def _survey_class(las_class: LasClass, ratio: float, rng: np.random.Generator) -> LasClass:
     """Return the class that a survey gives to a plant: the right one to this ratio of them, none to the others."""
     return las_class if rng.random() < ratio else LasClass.UNCLASSIFIED
-
-
-def leaves_at(centers: NDArray[np.float64], size: float, las_class: LasClass, day: np.random.Generator) -> Patch:
-    """Return a random triangle of about `size` (m) at each of `centers`, shape (n, 3), m."""
-    return triangles(centers[:, None] + day.normal(0.0, size, (len(centers), 3, 3)), las_class)
 
 
 def draw_hedge_row(length: float, height: float, rng: np.random.Generator, day: np.random.Generator) -> Patch:

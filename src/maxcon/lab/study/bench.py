@@ -5,7 +5,7 @@
 import math
 import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,7 +35,6 @@ from maxcon.search.objectives import Helmert, Objective
 REFERENCE = "reference"
 """Name of the reference as a prior: the search space lies around the true pose, as in the paper's figures."""
 
-MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
 CACHE_BYTES = 2**30  # of the tile caches of all maps of one process together
 
 
@@ -220,7 +219,7 @@ def _answer_columns(answer: _Answer, reference: Pose | None, point_map: PointMap
     pose = point_map.frame.pose_to_global(estimate.pose)
     columns |= {name: getattr(pose, name) for name in ("x", "y", "z", "roll", "pitch", "heading")}
     if answer.distinctness is not None:
-        columns |= {name: _finite_or_none(getattr(answer.distinctness, name)) for name in MEASURES}
+        columns |= {name: _finite_or_none(value) for name, value in asdict(answer.distinctness).items()}
     if reference is None:
         return columns | {"n_converged": None}
     error = pose_error(estimate.pose, reference)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey
-from maxcon.mapping.align.passes import Corrections, pose_of_twist
+from maxcon.mapping.align.passes import Corrections, pose_of_twist, twist_matrices
 from maxcon.mapping.build.tile_points import POINT, TileBuckets, VoxelMoments, plane_normals, voxel_keys
 from maxcon.refine import Refined, covariance, refine
 from maxcon.scan import Scan, one_per_cube
@@ -201,12 +201,7 @@ def _open_covariance(refined: Refined) -> NDArray[np.float64]:
     if len(rows) < LEAST_POINTS_ON_PLANES:
         return np.zeros((6, 6))
     arms = refined.points[rows] @ refined.pose.rotation.T
-    motions = np.zeros((len(rows), 3, 6))  # derivatives of each point by a shift and a turn
-    motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
-    x, y, z = arms.T
-    motions[:, 0, 4], motions[:, 0, 5] = z, -y
-    motions[:, 1, 3], motions[:, 1, 5] = -z, x
-    motions[:, 2, 3], motions[:, 2, 4] = y, -x
+    motions = twist_matrices(arms)[:, :3]  # derivatives of each point by a shift and a turn
     roots = np.sqrt(refined.weights[rows])
     along = roots[:, None] * np.einsum("ni,nij->nj", refined.planes[rows, :3], motions)
     anyhow = (roots[:, None, None] * motions).reshape(-1, 6)
