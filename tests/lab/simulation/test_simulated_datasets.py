@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
 from maxcon.cli import main
-from maxcon.errors import FileError, OptionError
+from maxcon.errors import OptionError
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab import simulation
 from maxcon.lab.dataset import Dataset
@@ -196,17 +196,11 @@ def test_a_failure_leaves_nothing(tmp_path, stop_at):
 
 
 @pytest.mark.usefixtures("built")
-def test_only_a_dataset_is_overwritten(dataset, tmp_path):
-    with pytest.raises(FileError, match="not to exist yet"):
-        simulate(dataset.folder)
-    assert dataset.reference.exists()
+def test_a_hard_campaign_says_so_and_is_overwritten_if_asked(tmp_path):
     options = {**THINNEST, "n_epochs": 1, "is_hard": True, "n_rounds": 2}
     simulate_campaign(tmp_path / "out", **options)
     assert ": hard campaign, seed 0, 2 rounds of mapping, 1 epochs." in (tmp_path / "out/dataset.toml").read_text()
     simulate_campaign(tmp_path / "out", **options, overwrite=True)
-    (tmp_path / "out" / "thesis.tex").touch()
-    with pytest.raises(FileError, match=r"holds thesis\.tex"):
-        simulate_campaign(tmp_path / "out", **options, overwrite=True)
 
 
 def test_an_epoch_of_the_suburb_is_localized(suburb_dataset, tmp_path):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The benchmark of latency: what is timed as a stage, which methods meet in a window, and its table by hand."""
+"""The benchmark of latency: what is timed as a stage."""
 
 import importlib
 from pathlib import Path

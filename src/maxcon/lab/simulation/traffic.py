@@ -150,17 +150,10 @@ class Traffic:
         self._vehicles = [RoadUserShape(draw_vehicle(rng)) for _ in range(40)]
         self._pedestrians = [RoadUserShape(draw_pedestrian(rng)) for _ in range(20)]
 
-    def draw(
-        self,
-        caster: Caster,
-        scanner: RotatingScanner,
-        pose: Pose,
-        rng: np.random.Generator,
-        ratio: float = UNMAPPED_RATIO,
-    ) -> list[RoadUser]:
+    def draw(self, caster: Caster, scanner: RotatingScanner, pose: Pose, rng: np.random.Generator) -> list[RoadUser]:
         """Return road users for one scan from `pose` (T_city_sensor) in a city with parked cars.
 
-        They are added one by one until this `ratio` of the returns, before dropouts, is on triangles of class VEHICLE:
+        They are added one by one until 30 % of the returns, before dropouts, are on triangles of class VEHICLE:
         theirs, or those of parked cars. Where parked cars alone exceed it, none is added.
         """
         view = _View(caster, scanner, pose)
@@ -168,7 +161,7 @@ class Traffic:
         taken: list[_Rectangle] = []
         ego_u, ego_v = in_city(pose.position[:2], -STREET_ANGLE).tolist()
         for _ in range(MOST_TRIES):
-            if view.ratio >= ratio:
+            if view.ratio >= UNMAPPED_RATIO:
                 break
             user, place = self._candidate(ego_u, ego_v, rng)
             is_free = not any(place.meets(other) for other in taken)
