@@ -225,6 +225,17 @@ def test_without_a_map_height_and_tilt_are_those_above_the_scan_s_own_plane(roll
     assert fit_ground_plane(Scan([[5.0, 0.0, -HEIGHT]])) is None
 
 
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_clutter_that_hides_most_of_the_ground_is_not_taken_for_it(maps, seed):
+    pose, rng = Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0), np.random.default_rng(seed)
+    points = scan_of(flat, pose, seed=seed).points
+    is_hidden = rng.random(len(points)) < 0.9
+    points = points + is_hidden[:, None] * [0.0, 0.0, 1.0] * rng.uniform(1.0, 1.02, (len(points), 1))
+    at_edge = points[np.hypot(points[:, 0], points[:, 1]) > 4.0]
+    assert fit_ground_plane(Scan(at_edge)).z == pytest.approx(HEIGHT, abs=0.05)
+    assert fit_ground(Scan(at_edge), maps[flat], pose).height == pytest.approx(0.0, abs=0.05)
+
+
 @pytest.mark.parametrize("heading", [0.0, math.pi / 2.0, -2.0])
 def test_above_the_ground_of_a_map_a_sensor_is_as_upright_as_above_its_own(maps, heading):
     found = pose_above_ground(maps[slope], 5.0, 6.0, heading, Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0))

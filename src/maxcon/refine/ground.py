@@ -21,6 +21,9 @@ REACH, BIN, NEAR = 2.5, 0.1, 12.0
 TILTS = (-0.02, 0.0, 0.02)
 STARTS = np.array([[0.0, x, y] for x in TILTS for y in TILTS])
 SCALES = np.array([0.3, 0.25, 0.2, 0.15, 0.12, 0.1, 0.1])
+# Most cells may be those of parked cars, hedges or clutter: a scan's own ground is also looked for where so many cells
+# lie higher. What has many cells so far under it, m, is no ground.
+DEEP, UNDER = 0.85, 0.3
 # Starts are tried with about so many of the cells.
 ENOUGH = 500
 # A prior is tilted by some TILT (rad); ground that differs by ROUGHNESS (m) between scan and map does so over many
@@ -156,10 +159,21 @@ def _fit_plane(
     """
     from maxcon.refine import ground_kernels
 
-    starts = STARTS + [ground_kernels.most_frequent(points, below, NEAR, reach, BIN), 0.0, 0.0]
-    plane, normal = np.empty(3), np.empty((3, 3))
-    ground_kernels.fit_planes(points, below, starts, SCALES, STIFFNESS, max(1, len(points) // ENOUGH), plane, normal)
-    return plane, normal
+    def fitted(height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        plane, normal = np.empty(3), np.empty((3, 3))
+        stride = max(1, len(points) // ENOUGH)
+        ground_kernels.fit_planes(points, below, STARTS + [height, 0.0, 0.0], SCALES, STIFFNESS, stride, plane, normal)
+        return plane, normal
+
+    def support(fit: tuple[NDArray[np.float64], NDArray[np.float64]]) -> int:
+        under = below - fit[0][0] - points[:, :2] @ fit[0][1:]
+        return int(np.count_nonzero(np.abs(under) <= ON_GROUND) - np.count_nonzero(under > UNDER))
+
+    k = int(DEEP * len(below))
+    usual, deep = ground_kernels.most_frequent(points, below, NEAR, reach, BIN), float(np.partition(below, k)[k])
+    if abs(deep - usual) <= UNDER:
+        return fitted(usual)
+    return max(fitted(usual), fitted(deep), key=support)
 
 
 def _below_ground(scan: Scan, point_map: PointMap, pose: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
