@@ -36,7 +36,7 @@ from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import open_drives
 from maxcon.lab.simulation.datasets import CITY_ORIGIN, write_epochs
-from maxcon.lab.simulation.furniture import LasClass
+from maxcon.lab.simulation.furniture import LasClass, draw_car
 from maxcon.lab.simulation.scanners import RotatingScanner
 from maxcon.lab.simulation.worlds import EPOCH_STEP, MOST_EPOCHS, SCAN_START, CampaignWorld
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
@@ -149,11 +149,9 @@ def distances_to_triangle(points, triangle):
 def nearest_cars(points, city, reach=0.3):
     """Distance of each point, city metres, to the nearest parked car, and its number: inf and -1 beyond reach."""
     distances, cars = np.full(len(points), np.inf), np.full(len(points), -1)
-    tree, corners = cKDTree(points[:, :2]), city.corners
-    order = np.argsort(city.car_numbers, kind="stable")
-    starts = np.searchsorted(city.car_numbers[order], np.arange(city.car_numbers.max() + 2))
-    for car in range(city.car_numbers.max() + 1):
-        triangles = corners[order[starts[car] : starts[car + 1]]]
+    tree = cKDTree(points[:, :2])
+    n_of_car = len(draw_car(np.random.default_rng(0))[0])  # all cars have as many triangles
+    for car, triangles in enumerate(city.corners[city.classes == LasClass.VEHICLE].reshape(-1, n_of_car, 3, 3)):
         low, high = triangles.min(axis=(0, 1)) - reach, triangles.max(axis=(0, 1)) + reach
         rows = np.array(tree.query_ball_point((low + high)[:2] / 2, np.linalg.norm((high - low)[:2]) / 2), int)
         rows = rows[((points[rows] >= low) & (points[rows] <= high)).all(axis=1)] if len(rows) else rows

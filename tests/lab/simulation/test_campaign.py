@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon.geometry import wrap_angle
+from maxcon.lab.simulation.furniture import LasClass
 from maxcon.lab.simulation.scanners import ProfileScanner
 
 THIN = (ProfileScanner(line_rate=1.0, points_per_line=90),)
@@ -68,9 +69,9 @@ def test_the_car_comes_again_on_the_same_day_and_on_another(campaign):
     epochs = [world.epochs(5) for world in (campaign, same, other)]
     assert len({epoch[2].reference for epoch in epochs}) == 3
     cities = [world.scan_caster.city for world in (campaign, other)]
-    cars = [city.corners[city.car_numbers >= 0] for city in cities]
+    cars = [city.corners[city.classes == LasClass.VEHICLE] for city in cities]
     assert cars[0].shape != cars[1].shape or (cars[0] != cars[1]).any()
-    np.testing.assert_array_equal(*(city.corners[city.car_numbers < 0] for city in cities))
+    np.testing.assert_array_equal(*(city.corners[city.classes != LasClass.VEHICLE] for city in cities))
     again = campaign.again(0)
     assert again.epochs(5) == epochs[0]
     assert again.gnss_priors(epochs[0]) == campaign.gnss_priors(epochs[0]) != same.gnss_priors(epochs[0])

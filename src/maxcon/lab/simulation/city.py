@@ -33,8 +33,6 @@ class City(Patch):
     """Triangles with classes in city metres: z is up, the main crossing is the origin. Parked cars come last."""
 
     parking_lanes: NDArray[np.float64]  # (k, 2, 2): start and end (x, y) of each row of parked cars, m
-    # (t,): number of the parked car that each triangle belongs to, from 0; -1 for all that is no parked car
-    car_numbers: NDArray[np.int32]
 
     def with_parked_cars(self, seed: Seed, occupancy: float = 0.7) -> "City":
         """Return the same city on another day: other cars take about `occupancy`, 0 to 1, of the parking lanes."""
@@ -43,8 +41,7 @@ class City(Patch):
         stays = self.classes != LasClass.VEHICLE
         fixed = Patch(self.corners[stays], self.classes[stays])
         patch = join([fixed, *cars])
-        numbers = np.repeat(np.arange(-1, len(cars), dtype=np.int32), [len(fixed), *map(len, cars)])
-        return City(patch.corners, patch.classes, self.parking_lanes, numbers)
+        return City(patch.corners, patch.classes, self.parking_lanes)
 
 
 def build_city(seed: Seed, grid: StreetGrid = DEMO_GRID) -> City:
@@ -63,7 +60,7 @@ def _city_of(parts: Sequence[Patch], grid: StreetGrid) -> City:
         [[side.point(x, out) for x in (grid.no_parking, side.length - grid.no_parking)] for side in grid.frontages()]
     )
     whole = join(parts).placed(0.0, 0.0, heading=STREET_ANGLE)
-    return City(whole.corners, whole.classes, in_city(lanes, STREET_ANGLE), np.full(len(whole), -1, np.int32))
+    return City(whole.corners, whole.classes, in_city(lanes, STREET_ANGLE))
 
 
 def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
