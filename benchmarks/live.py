@@ -26,10 +26,9 @@ from header import header
 
 from maxcon import PointMap, Pose
 from maxcon.cli.ros2_node import CLOUD, DIAGNOSTICS, FIX, ODOMETRY, POSE
-from maxcon.geometry.quaternions import angles_from_quaternions
+from maxcon.geometry.pose import angles_from_quaternions
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.recordings.contents import cloud_content, position_and_turn
-from maxcon.io.recordings.recording import header_of
+from maxcon.io.recordings.recording import cloud_content, header_of, position_and_turn
 from maxcon.io.recordings.transforms import numbers_of
 from maxcon.io.ros2_wire import Ros2Wire
 from maxcon.io.trajectories import read_trajectory

@@ -7,7 +7,7 @@ import struct
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.io.recordings.recording import Entry, RecordingKind, header_of, write_bag, write_recording
 from maxcon.io.scans import RawScan, Scans
 from maxcon.lab.simulation.recordings import drive_messages

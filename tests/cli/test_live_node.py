@@ -14,8 +14,7 @@ import pytest
 
 import written_maps
 from maxcon import Pose
-from maxcon.io.recordings.contents import cloud_content, position_and_turn
-from maxcon.io.recordings.recording import header_of
+from maxcon.io.recordings.recording import cloud_content, header_of, position_and_turn
 from towns import Town
 
 pytest.importorskip("cyclonedds")

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from maxcon.errors import CrsError, TrajectoryError
-from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
+from maxcon.geometry.pose import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Orientations, ReceiverLog, place_fixes
 from maxcon.scan.trajectory import Trajectory

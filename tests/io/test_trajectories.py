@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as st_np
 
 from maxcon.errors import FileError, TrajectoryError
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.io.trajectories import read_prior, read_trajectory, write_csv, write_tum
 from maxcon.scan.trajectory import Trajectory
 

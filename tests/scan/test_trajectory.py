@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from maxcon.errors import ArrayError, OptionError, TrajectoryError
 from maxcon.geometry import Pose, rotation_matrices
-from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
+from maxcon.geometry.pose import angles_from_quaternions, quaternions_from_angles
 from maxcon.scan.trajectory import Trajectory
 
 UTM = np.array([458888.4217, 5429081.5413, 115.0739])

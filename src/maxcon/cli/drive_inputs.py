@@ -16,7 +16,6 @@ import numpy as np
 
 from maxcon._system.engine import Engine, in_order_of
 from maxcon.cli.flags import check_exclusive, check_needs
-from maxcon.cli.objectives import parse_objective
 from maxcon.cli.options import (
     LARGEST_HALF_WIDTH,
     SIGMAS,
@@ -25,6 +24,7 @@ from maxcon.cli.options import (
     MotionOptions,
     RecordingOptions,
     SpaceOptions,
+    parse_objective,
 )
 from maxcon.cli.terminal import step_bars
 from maxcon.drive.diagnosis import check_heights

@@ -98,7 +98,7 @@ def georeference(
     from maxcon.io.trajectories import read_trajectory, write_tum
     from maxcon.mapping.georeference import georeference as placed_by
     from maxcon.mapping.moved_map import move_map
-    from maxcon.plotting.residuals import plot_residuals
+    from maxcon.plotting.poses import plot_residuals
 
     crs, level = metric_crs(what.crs), what.level_sigma_deg
     found = placed_by(

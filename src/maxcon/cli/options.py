@@ -2,13 +2,18 @@
 # SPDX-License-Identifier: MIT
 """Options that several commands have, and the option groups of those that localize."""
 
+import sys
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag
 from maxcon.errors import OptionError
+
+if TYPE_CHECKING:
+    from maxcon.search.objectives import Objective
 
 SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
@@ -246,3 +251,30 @@ class WorkerOptions(OptionGroup, title="How it is done"):
         None, "Processes, about 1 GiB each; 1: all in this one. Default: as many as processors.", metavar="N", min=1
     )
     scheduler: Scheduler = None
+
+
+def parse_objective(word: str) -> "Objective":
+    """Return the objective of a name, or one's own, "package.module:Name": a class or an object.
+
+    Modules are looked for in the working folder, too. OptionError if there is none.
+    """
+    from maxcon.search.objectives import as_objective
+
+    module_name, colon, name = word.partition(":")
+    if not colon:
+        return as_objective(word)
+    sys.path.insert(0, "")
+    try:
+        found = getattr(import_module(module_name), name)
+        return as_objective(found() if isinstance(found, type) else found)
+    except OptionError:
+        raise
+    except Exception as error:  # the user's own code may fail in any way
+        raise OptionError(
+            f"Expected {word!r} to name an objective in a module that can be imported, got"
+            f" {type(error).__name__}: {error}. Write it as package.module:Name."
+        ) from error
+    finally:
+        sys.path.remove("")
+        if "" not in sys.path:
+            sys.path.append("")  # where workers look for it, too

@@ -15,13 +15,12 @@ from maxcon.cli.terminal import warn
 from maxcon.drive.live import LiveAnswer, LiveLocalizer
 from maxcon.errors import FileError, MaxconError, OptionError
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import angles_from_quaternions
+from maxcon.geometry.pose import angles_from_quaternions
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.crs import GeographicFrame, crs_name
 from maxcon.io.fixes import is_place
 from maxcon.io.point_records import decode_points, records_of_message
-from maxcon.io.recordings.contents import cloud_content, position_and_turn
-from maxcon.io.recordings.recording import frame_of, header_of, stamp_of
+from maxcon.io.recordings.recording import cloud_content, frame_of, header_of, position_and_turn, stamp_of
 from maxcon.io.recordings.transforms import numbers_of
 from maxcon.io.ros2_wire import Ros2Wire
 from maxcon.scan.mounting import Mounting, read_mounting

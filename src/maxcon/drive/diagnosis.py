@@ -14,7 +14,7 @@ from maxcon.drive.localize import MAP_MARGIN, DriveOptions, EpochEstimate, Metho
 from maxcon.errors import ArrayError, FileError, TrajectoryError
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
+from maxcon.geometry.pose import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.scans import RawScan, Scans
 from maxcon.map import PointMap
 from maxcon.scan import Scan

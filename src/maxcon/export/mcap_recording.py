@@ -13,8 +13,14 @@ from maxcon.export.pose_rows import PoseRow, covariance_of
 from maxcon.export.scene import Scene, SceneEpoch
 from maxcon.geometry import Pose
 from maxcon.io.crs import to_wgs84
-from maxcon.io.recordings.contents import cloud_content, position_and_turn
-from maxcon.io.recordings.recording import Entry, RecordingKind, header_of, write_recording
+from maxcon.io.recordings.recording import (
+    Entry,
+    RecordingKind,
+    cloud_content,
+    header_of,
+    position_and_turn,
+    write_recording,
+)
 
 CRS_FRAME, MAP_FRAME, SENSOR_FRAME = "crs", "map", "sensor"
 """Names of the frames: that of the CRS, a local one near the drive, in which viewers can draw, and the scanner's."""

@@ -23,7 +23,7 @@ from maxcon.estimate import Status
 from maxcon.export.pose_rows import covariance_of
 from maxcon.export.scene import ELLIPSE, SCAN_POINTS, TILE_POINTS, Scene, SceneEpoch
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.io.crs import crs_name
 from maxcon.map import PointMap
 from maxcon.map.layout import TileKey

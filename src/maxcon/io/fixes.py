@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, OptionError, TrajectoryError
-from maxcon.geometry.pose import wrap_angle
-from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
+from maxcon.geometry.pose import angles_from_quaternions, quaternions_from_angles, wrap_angle
 from maxcon.io.crs import GeographicFrame
 from maxcon.scan.trajectory import Trajectory, first_fault
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, TrajectoryError
-from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Heights, Orientations, ReceiverLog, RecordedPoses, covariances_of, is_place, place_fixes
 from maxcon.io.nmea import is_nmea, read_nmea

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError, TrajectoryError
-from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.io.fixes import Heights, Orientations, ReceiverLog, covariances_of, is_place
 from maxcon.io.text import parse_float, reading
 from maxcon.scan.trajectory import Trajectory

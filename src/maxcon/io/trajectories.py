@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from maxcon._system.atomic import atomic_file
 from maxcon.errors import FileError, TrajectoryError
-from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.io.fixes import RecordedPoses
 from maxcon.io.text import UNCLEAR_HEADINGS, PoseTable, numbered_lines, read_pose_table
 from maxcon.scan.trajectory import Trajectory, first_fault

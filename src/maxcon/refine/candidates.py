@@ -137,11 +137,11 @@ def moments_at(
     sample: Scan, point_map: PointMap, table: VoxelTable, unknowns: NDArray[np.float64], scoring: Scoring
 ) -> Moments:
     """Moments, shape (4,), of a scan at a pose (6,): those of a cell that stands for it."""
-    from maxcon.refine import place_kernels
+    from maxcon.refine import partner_kernels
 
     moments = np.zeros(4)
     weights = float(scoring.weighting is not Weighting.ONE), scoring.weighting.without_normal
-    place_kernels.add_moments(
+    partner_kernels.add_moments(
         sample.points, sample.normals, unknowns, point_map.cell, weights, point_map.is_signed,
         scoring.multiplicity is Multiplicity.POINTS, table, moments,
     )  # fmt: skip

@@ -12,7 +12,7 @@ import numpy as np
 
 from maxcon._system.checked import checked, read_toml
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.scan.trajectory import Trajectory
 
 LARGEST_OFFSET = 100.0

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import ArrayError, OptionError, TrajectoryError
 from maxcon.geometry import Pose, interpolate_poses
 from maxcon.geometry.arrays import first_covariance_fault
-from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
+from maxcon.geometry.pose import angles_from_quaternions, quaternions_from_angles
 
 # A time this near to a pose's is that pose's: loggers round to the millisecond.
 SAME_TIME = 1e-3

@@ -9,7 +9,7 @@ import pytest
 
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.io.recordings.opening import open_recording
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.io.recordings.recording import Entry, header_of

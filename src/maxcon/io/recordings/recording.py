@@ -3,15 +3,20 @@
 """Recording: topics and messages of a bag or MCAP file, read and written by the standard definitions of ROS."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from maxcon._system.atomic import atomic_file
 from maxcon.errors import FileError, OptionError, needs_extra
+from maxcon.geometry import Pose
+from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.text import printable
 
@@ -22,6 +27,7 @@ ADDED = {
     "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n",
 }
 """Definitions of messages that rosbags lacks for ROS 1 or ROS 2."""
+FLOAT32 = 7  # code in sensor_msgs/PointField
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,3 +261,26 @@ def _built(store: Any, kind: str, values: dict[str, Any]) -> Any:
             value = [_built(store, what[0][1], item) for item in value]
         given[name] = value
     return store.types[kind](**given)
+
+
+def position_and_turn(pose: Pose, names: tuple[str, str]) -> dict[str, dict[str, float]]:
+    """Return a pose, or a transform, of its position and its quaternion by these names."""
+    turn = quaternions_from_angles(pose.roll, pose.pitch, pose.heading).ravel().tolist()
+    position = pose.position.tolist()
+    return {names[0]: dict(zip("xyz", position, strict=True)), names[1]: dict(zip("xyzw", turn, strict=True))}
+
+
+def cloud_content(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
+    """Return a sensor_msgs/PointCloud2 without a header, of one row; fields by their names, all float32."""
+    rows = np.stack(list(columns.values()), axis=1).astype("<f4")
+    step = 4 * len(columns)
+    return {
+        "height": 1,
+        "width": len(rows),
+        "fields": [dict(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate(columns)],
+        "is_bigendian": False,
+        "point_step": step,
+        "row_step": step * len(rows),
+        "data": rows.ravel().view(np.uint8),
+        "is_dense": True,
+    }

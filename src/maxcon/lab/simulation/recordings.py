@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.recordings.contents import cloud_content
-from maxcon.io.recordings.recording import Entry, RecordingKind, write_recording
+from maxcon.io.recordings.recording import Entry, RecordingKind, cloud_content, write_recording
 from maxcon.io.scans import Scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
