@@ -38,6 +38,8 @@ LARGE, INSECURE_GAIN = 5.0, 0.06
 largest gain if that exceeds this, and its size is not significant."""
 TRIAL_POINTS = 1500
 """Patterns are compared by so many points of the sample."""
+PRECISION = 0.01
+"""No distance is known better than this, m: where the pose takes up nearly all of a pattern, its size is not known."""
 SECTORS, FEWEST_SECTORS = 36, 27
 """A scan looks all around if it has points in so many sectors of azimuth."""
 ITERATIONS, SETTLED = 5, 0.1
@@ -258,7 +260,7 @@ def _sizes(
     sizes = (weights * own).T @ distances / information
     scores = weights * own * (distances[:, None] - own * sizes)
     sums = [np.bincount(partners.patches[is_near], column, partners.n_patches) for column in scores.T]
-    sigmas = np.maximum(np.sqrt(np.square(sums).sum(axis=1)) / information, 1e-9)
+    sigmas = np.sqrt(np.square(sums).sum(axis=1) / information**2 + PRECISION**2 / information)
     return sizes, sigmas, -moves * sizes
 
 
