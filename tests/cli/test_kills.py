@@ -57,7 +57,7 @@ def is_whole_mcap(path, maxcon):
     from mcap.reader import make_reader
 
     with path.open("rb") as stream:
-        return make_reader(stream).get_summary().statistics.message_count == 13
+        return make_reader(stream).get_summary().statistics.message_count == 17
 
 
 def export_to(name):

@@ -236,8 +236,9 @@ def _maps(folder: Path) -> Iterator[Seed]:
 
 def _poses(folder: Path) -> Iterator[Seed]:
     """A localized epoch and one that is not, as POSES.csv and as the Parquet file of a drive."""
-    rows: list[dict[str, Any]] = [{name: 0.01 for name in COLUMNS} | {"status": "localized", "reason": ""}]
-    rows.append({"time": 1.5, "ms": 20.0, "status": "ambiguous", "reason": "two alike"})
+    words = {"status": "localized", "reason": "", "scan": "000001.bin", "crs": "EPSG:25832", "epoch": 0}
+    rows: list[dict[str, Any]] = [{name: 0.01 for name in COLUMNS} | words]
+    rows.append({"time": 1.5, "epoch": 1, "ms": 20.0, "status": "ambiguous", "reason": "two alike"})
     cells = [COLUMNS, *([str(row.get(name, "")) for name in COLUMNS] for row in rows)]
     yield Seed("POSES.csv", "poses", "poses.csv", "".join(",".join(row) + "\r\n" for row in cells).encode())
     table = pyarrow.Table.from_pylist(rows, poses_schema())
