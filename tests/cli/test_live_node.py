@@ -59,17 +59,8 @@ class Player:
 @contextmanager
 def running(folder):
     command = [
-        sys.executable,
-        "-m",
-        "maxcon",
-        "live",
-        str(folder),
-        "--ros2",
-        "--domain",
-        str(DOMAIN),
-        "--tf-ahead",
-        "0",
-    ]
+        sys.executable, "-m", "maxcon", "live", str(folder), "--ros2", "--domain", str(DOMAIN), "--tf-ahead", "0",
+    ]  # fmt: skip
     process = subprocess.Popen(command)
     try:
         yield process

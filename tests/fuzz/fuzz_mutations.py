@@ -92,11 +92,5 @@ def _swap_lines(data: bytearray, rng: random.Random) -> None:
 
 
 MUTATIONS: tuple[Mutation, ...] = (
-    *[_flip_bits] * 2,
-    *[_other_bytes] * 4,
-    _truncate,
-    _remove,
-    _repeat,
-    *[_word] * 2,
-    _swap_lines,
-)
+    *[_flip_bits] * 2, *[_other_bytes] * 4, _truncate, _remove, _repeat, *[_word] * 2, _swap_lines,
+)  # fmt: skip

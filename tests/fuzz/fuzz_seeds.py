@@ -30,15 +30,11 @@ LARGEST = 150_000
 """Bytes of a file of others: larger ones take longer than they tell."""
 POINTS = np.round(np.random.default_rng(0).uniform(2.0, 9.0, (N_POINTS, 3)), 3)
 CONFIGURATION = {
-    "version": "1",
-    "dataset": "dataset.toml",
-    "parts": {"reference": "ab"},
-    "n_scans": 3,
+    "version": "1", "dataset": "dataset.toml", "parts": {"reference": "ab"}, "n_scans": 3,
     "options": {"min_range": 1.0},
-    "methods": {"helmert": {"method": {}, "map": "standard", "starts": "from the prior"}},
-    "maps": {"standard": {}},
+    "methods": {"helmert": {"method": {}, "map": "standard", "starts": "from the prior"}}, "maps": {"standard": {}},
     "runs": [{"methods": ["helmert"], "priors": ["gnss"], "n_epochs": 3, "n_workers": 1, "n_rows": 3}],
-}
+}  # fmt: skip
 MOUNTING = """[prior]
 position = [-0.45, 0.30, 1.62]
 heading_deg = 90.0
@@ -82,15 +78,9 @@ def _of_file(label: str, reader: str, file: Path) -> Seed:
 def make_seeds(folder: Path, others: Path | None = None) -> list[Seed]:
     """Write what seeds need into an empty folder, and return them; the same ones each time, and small `others`."""
     made = [
-        *_clouds(folder),
-        *_surveys(folder),
-        *_scans(folder),
-        *_trajectories(folder),
-        *_texts(),
-        *_recordings(folder),
-        *_maps(folder),
-        *_poses(folder),
-    ]
+        *_clouds(folder), *_surveys(folder), *_scans(folder), *_trajectories(folder), *_texts(), *_recordings(folder),
+        *_maps(folder), *_poses(folder),
+    ]  # fmt: skip
     return made + ([] if others is None else list(_seeds_of(others)))
 
 
@@ -215,12 +205,9 @@ def _transforms() -> Iterator[Entry]:
     """A way of a vehicle in a map, and a scanner on it."""
     transform = {"translation": dict(x=1.0, y=2.0, z=0.0), "rotation": dict(x=0.0, y=0.0, z=0.0, w=1.0)}
     for time, topic, parent, child in (
-        (1.0, "/tf_static", "base_link", "sensor"),
-        (1.0, "/tf", "map", "odom"),
-        (1.0, "/tf", "odom", "base_link"),
-        (2.0, "/tf", "map", "odom"),
-        (2.0, "/tf", "odom", "base_link"),
-    ):
+        (1.0, "/tf_static", "base_link", "sensor"), (1.0, "/tf", "map", "odom"), (1.0, "/tf", "odom", "base_link"),
+        (2.0, "/tf", "map", "odom"), (2.0, "/tf", "odom", "base_link"),
+    ):  # fmt: skip
         one = {"header": header_of(time, parent), "child_frame_id": child, "transform": transform}
         yield Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [one]})
 

@@ -120,6 +120,17 @@ def test_positions_that_cannot_be_placed(places, words):
         _placed(fixes)
 
 
+def test_a_prior_that_was_moved_into_another_datum_is_as_uncertain_as_that():
+    """What is in the map's datum but for its name is not."""
+    way = bend()
+    for crs, moves in (("EPSG:31467", True), (UTM, False)):
+        frame = GeographicFrame(crs)
+        placed = place_fixes(replace(_fixes(way, 0.1), words="a log"), frame, None, "log.csv")
+        assert f"; {frame.operation.words}" in placed.words and "exact to" in placed.words
+        more = frame.operation.accuracy**2 if moves else 0.0
+        np.testing.assert_allclose(placed.trajectory.covariances[:, 0, 0], 0.01 + more)
+
+
 def test_heights_above_a_geoid_that_is_not_there_are_not_made_up():
     """Heights of DHHN2016 need a grid, which is not installed with pyproj."""
     frame = GeographicFrame("EPSG:25832+7837")

@@ -74,20 +74,13 @@ STEPS = {"absolute float64 s": 5e-7, "absolute float64 ns": 6e-7, "relative uint
 def layouts(draw):
     """Everything but the points: order of fields and bytes, gaps, padding, rows, what else is stored, how times are."""
     return dict(
-        seed=draw(st.integers(0, 2**32 - 1)),
-        order=draw(st.sampled_from("<>")),
-        coordinate=draw(st.sampled_from(["f4", "f8"])),
-        capitals=draw(st.booleans()),
-        times=draw(st.sampled_from([None, *TIMES])),
-        ring=draw(st.sampled_from([None, "u1", "u2", "i4"])),
-        gaps=draw(st.lists(st.integers(0, 9), min_size=9, max_size=9)),
-        tail=draw(st.integers(0, 7)),
-        height=draw(st.sampled_from([1, 1, 4, 16])),
-        row_padding=draw(st.integers(0, 40)),
-        n_nan=draw(st.integers(0, 5)),
-        n_zero=draw(st.integers(0, 5)),
-        n_twice=draw(st.integers(0, 5)),
-    )
+        seed=draw(st.integers(0, 2**32 - 1)), order=draw(st.sampled_from("<>")),
+        coordinate=draw(st.sampled_from(["f4", "f8"])), capitals=draw(st.booleans()),
+        times=draw(st.sampled_from([None, *TIMES])), ring=draw(st.sampled_from([None, "u1", "u2", "i4"])),
+        gaps=draw(st.lists(st.integers(0, 9), min_size=9, max_size=9)), tail=draw(st.integers(0, 7)),
+        height=draw(st.sampled_from([1, 1, 4, 16])), row_padding=draw(st.integers(0, 40)),
+        n_nan=draw(st.integers(0, 5)), n_zero=draw(st.integers(0, 5)), n_twice=draw(st.integers(0, 5)),
+    )  # fmt: skip
 
 
 @given(layout=layouts())

@@ -21,14 +21,10 @@ from maxcon.map.manifest import INDEX, Manifest, ShardFile, ShardTable, read_man
 from written_maps import edit_index, edit_manifest, said_by, table_of, write
 
 WHOLE = Manifest(
-    cell=0.06,
-    origin=(458_800.0, 5_429_000.0, 100.0),
-    crs="LOCAL",
-    is_signed=True,
+    cell=0.06, origin=(458_800.0, 5_429_000.0, 100.0), crs="LOCAL", is_signed=True,
     sections={name: table_of(n, name) for name, n in (("tiles", 3), ("ground", 2), ("of_others", 1))},
-    build={"program": "maxcon", "sources": [{"name": "a.laz", "n_kept": 20}], "sigma": {"from": "given"}},
-    sigma=0.0,
-)
+    build={"program": "maxcon", "sources": [{"name": "a.laz", "n_kept": 20}], "sigma": {"from": "given"}}, sigma=0.0,
+)  # fmt: skip
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from maxcon import PointMap, Trajectory
 from maxcon.cli import app
 from maxcon.errors import CrsError, MaxconError, OptionError, TrajectoryError
+from maxcon.io.crs import GeographicFrame
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.map.manifest import read_manifest
 from maxcon.mapping.georeference import georeference, places_of_fixes
@@ -175,6 +176,24 @@ def test_residuals_are_a_table_and_a_picture_and_poses_are_moved_along(slam, tmp
     assert picture.read_bytes()[:4] == b"\x89PNG"
     wanted = TURN.apply(read_trajectory(slam / "poses.tum").positions.copy()) + TO
     assert np.abs(read_trajectory(poses).positions - wanted).max() < 0.02
+
+
+@pytest.mark.parametrize(("crs", "accuracy"), [("EPSG:25832", 1.0), ("EPSG:31467", 3.0)])
+def test_a_receiver_is_believed_to_be_in_the_datum_of_the_crs_unless_its_places_have_to_be_moved(
+    slam, tmp_path, crs, accuracy
+):
+    fixes = read_trajectory(slam / "fixes.tum")
+    places = GeographicFrame("EPSG:25832").to_geographic(fixes.positions)
+    rows = np.column_stack([fixes.times, places])
+    header = "time,latitude,longitude,ellipsoidal_height"
+    np.savetxt(tmp_path / "gnss.csv", rows, "%.10f", ",", header=header, comments="")
+    words = (slam / "slam.map", "--gnss", tmp_path / "gnss.csv", "--trajectory", slam / "poses.tum", "--crs", crs)
+    if crs != "EPSG:25832":
+        with pytest.raises(CrsError, match=r"gnss\.csv exact to a voxel.*DHDN to WGS 84.*--allow-inexact-crs"):
+            run(*words, "-o", tmp_path / "x.map")
+    said = run(*words, "-o", tmp_path / "x.map", *["--allow-inexact-crs"] * (crs != "EPSG:25832"))
+    assert f"put it off by {accuracy:g} m" in said
+    assert read_manifest(tmp_path / "x.map").build["georeference"]["operation"]["accuracy"] == accuracy
 
 
 def test_half_a_question_is_refused(slam, tmp_path):

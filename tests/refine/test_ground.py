@@ -101,14 +101,10 @@ def off_by(pose, height, roll_deg, pitch_deg):
 
 
 @given(
-    ground=st.sampled_from(GROUNDS),
-    height=st.floats(-2.0, 2.0),
-    roll_deg=st.floats(-1.5, 1.5),
-    pitch_deg=st.floats(-1.5, 1.5),
-    heading=st.floats(-3.0, 3.0),
-    cars=st.sampled_from([0.0, 0.2, 0.35]),
+    ground=st.sampled_from(GROUNDS), height=st.floats(-2.0, 2.0), roll_deg=st.floats(-1.5, 1.5),
+    pitch_deg=st.floats(-1.5, 1.5), heading=st.floats(-3.0, 3.0), cars=st.sampled_from([0.0, 0.2, 0.35]),
     seed=st.integers(0, 2**32),
-)
+)  # fmt: skip
 def test_height_and_tilt_of_a_prior_are_corrected(maps, ground, height, roll_deg, pitch_deg, heading, cars, seed):
     pose = on(ground, heading=heading)
     fit = fit_ground(

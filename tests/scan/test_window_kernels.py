@@ -110,12 +110,9 @@ def windows_by_definition(elevations, azimuths):
 
 
 @given(
-    st.integers(0, 2**32),
-    st.integers(1, 3000),
-    st.sampled_from([0, 1, 8, 16, 64]),
-    st.sampled_from([0.0, 1e-4, 3e-3]),
+    st.integers(0, 2**32), st.integers(1, 3000), st.sampled_from([0, 1, 8, 16, 64]), st.sampled_from([0.0, 1e-4, 3e-3]),
     st.sampled_from([0.02, 0.3, np.pi]),
-)
+)  # fmt: skip
 def test_windows_are_as_defined(seed, n, n_rings, smear, half_width):
     """Without rings, elevations lie anyhow."""
     rng = np.random.default_rng(seed)

@@ -71,13 +71,9 @@ class Scene:
         """Prior from which the true pose lies that many cells (and degrees) away."""
         sensor = self.sensor
         return Pose(
-            sensor.x - cells_x * CELL,
-            sensor.y - cells_y * CELL,
-            sensor.z,
-            sensor.roll,
-            sensor.pitch,
+            sensor.x - cells_x * CELL, sensor.y - cells_y * CELL, sensor.z, sensor.roll, sensor.pitch,
             sensor.heading - np.radians(turn_deg),
-        )
+        )  # fmt: skip
 
 
 @pytest.fixture

@@ -81,31 +81,21 @@ def some_cell(seed, space):
 SPACE = SearchSpace(0.8, CELL, 1.0, 0.5)
 HERE = *street(3, SPACE), SPACE
 LIMITS = {
-    "FIRST_CELLS": [1, 2, 30],
-    "SCORED_AT_ONCE": [1, 8],
-    "MOST_LEFT_OPEN": [0, 3, 192],
-    "CELLS_PER_SINGLE": [1, 120, 10**9],
-    "HEADINGS_PER_PASS": [1, 2, 16],
-    "CELLS_PER_PASS": [1, 100, 2**22],
+    "FIRST_CELLS": [1, 2, 30], "SCORED_AT_ONCE": [1, 8], "MOST_LEFT_OPEN": [0, 3, 192],
+    "CELLS_PER_SINGLE": [1, 120, 10**9], "HEADINGS_PER_PASS": [1, 2, 16], "CELLS_PER_PASS": [1, 100, 2**22],
     "PASS_CELLS": [1, 100, 2**20],
-}
+}  # fmt: skip
 
 
 @given(
-    seed=SEEDS,
-    objective=st.sampled_from([*OBJECTIVES, OwnObjective()]),
-    options=OPTIONS,
-    is_signed=st.booleans(),
+    seed=SEEDS, objective=st.sampled_from([*OBJECTIVES, OwnObjective()]), options=OPTIONS, is_signed=st.booleans(),
     n_steps=st.sampled_from([0, 1, 3, 10, 24]),
     turns=st.sampled_from([(0.0, 0.5), (1.0, 0.5), (2.0, 0.5), (20.0, 4.0)]),
-    ratio=st.sampled_from([1.0, 0.8, 0.3, 1e-6]),
-    guard_radius=st.sampled_from([0.0, 0.3, 1.0]),
-    is_guarded=st.booleans(),
-    n_points=st.sampled_from([30, 400]),
-    n_threads=st.sampled_from([1, 2]),
+    ratio=st.sampled_from([1.0, 0.8, 0.3, 1e-6]), guard_radius=st.sampled_from([0.0, 0.3, 1.0]),
+    is_guarded=st.booleans(), n_points=st.sampled_from([30, 400]), n_threads=st.sampled_from([1, 2]),
     factor=st.sampled_from([1, 1, 2, 8]),
     limits=st.just({}) | st.fixed_dictionaries({name: st.sampled_from(values) for name, values in LIMITS.items()}),
-)
+)  # fmt: skip
 def test_it_finds_what_the_exhaustive_search_finds_whatever_the_limits_of_time_and_memory(
     seed, objective, options, is_signed, n_steps, turns, ratio, guard_radius, is_guarded, n_points, n_threads, factor,
     limits,

@@ -75,17 +75,11 @@ def assert_same(accumulator, moments):
 
 
 @given(
-    seed=SEEDS,
-    n_scan=st.integers(0, 16),
-    n_map=st.integers(0, 60),
-    cell=st.sampled_from([0.03, 0.06, 0.1, 0.25, 0.5]),
-    n_steps=st.integers(0, 9),
-    turns=st.sampled_from([(0.0, 0.5), (0.5, 0.5), (2.0, 2.0)]),
-    corner=st.tuples(st.sampled_from([-3, -1, 0, 2]), st.sampled_from([-2, 0, 1])),
-    options=OPTIONS,
-    is_signed=st.booleans(),
-    n_threads=st.integers(1, 4),
-)
+    seed=SEEDS, n_scan=st.integers(0, 16), n_map=st.integers(0, 60), cell=st.sampled_from([0.03, 0.06, 0.1, 0.25, 0.5]),
+    n_steps=st.integers(0, 9), turns=st.sampled_from([(0.0, 0.5), (0.5, 0.5), (2.0, 2.0)]),
+    corner=st.tuples(st.sampled_from([-3, -1, 0, 2]), st.sampled_from([-2, 0, 1])), options=OPTIONS,
+    is_signed=st.booleans(), n_threads=st.integers(1, 4),
+)  # fmt: skip
 def test_it_equals_the_definition(seed, n_scan, n_map, cell, n_steps, turns, corner, options, is_signed, n_threads):
     space = SearchSpace(n_steps * cell, cell, *turns)
     scene = random_scene(seed, n_scan, n_map, cell, space, corner=corner, is_signed=is_signed, spread=8)
@@ -99,18 +93,11 @@ def test_it_equals_the_definition(seed, n_scan, n_map, cell, n_steps, turns, cor
 
 
 @given(
-    seed=SEEDS,
-    n_scan=st.integers(1, 60),
-    n_map=st.integers(1, 400),
-    cell=st.sampled_from([0.03, 0.06, 0.0625, 0.5]) | st.floats(0.03, 0.5),
-    n_steps=st.sampled_from([7, 8, 9, 31, 100]),
-    spread=st.sampled_from([5, 40, 600]),
-    corner=st.tuples(st.integers(-100, 100), st.integers(-100, 100)),
-    options=OPTIONS,
-    is_signed=st.booleans(),
-    n_threads=st.integers(1, 4),
-    factor=st.sampled_from([1, 1, 4, 32]),
-)
+    seed=SEEDS, n_scan=st.integers(1, 60), n_map=st.integers(1, 400),
+    cell=st.sampled_from([0.03, 0.06, 0.0625, 0.5]) | st.floats(0.03, 0.5), n_steps=st.sampled_from([7, 8, 9, 31, 100]),
+    spread=st.sampled_from([5, 40, 600]), corner=st.tuples(st.integers(-100, 100), st.integers(-100, 100)),
+    options=OPTIONS, is_signed=st.booleans(), n_threads=st.integers(1, 4), factor=st.sampled_from([1, 1, 4, 32]),
+)  # fmt: skip
 def test_it_equals_the_votes_of_large_windows(
     seed, n_scan, n_map, cell, n_steps, spread, corner, options, is_signed, n_threads, factor
 ):

@@ -61,13 +61,9 @@ def test_exhaustive_over_heights_is_the_definition(seed, n_heights, objective):
 
 
 @given(
-    seed=SEEDS,
-    n_heights=st.integers(0, 5),
-    n_steps=st.sampled_from([0, 2, 10]),
-    objective=st.sampled_from([*OBJECTIVES, OwnObjective()]),
-    options=OPTIONS,
-    ratio=st.sampled_from([1.0, 0.8, 0.3]),
-)
+    seed=SEEDS, n_heights=st.integers(0, 5), n_steps=st.sampled_from([0, 2, 10]),
+    objective=st.sampled_from([*OBJECTIVES, OwnObjective()]), options=OPTIONS, ratio=st.sampled_from([1.0, 0.8, 0.3]),
+)  # fmt: skip
 def test_branch_and_bound_over_heights_finds_what_the_exhaustive_search_finds(
     seed, n_heights, n_steps, objective, options, ratio
 ):

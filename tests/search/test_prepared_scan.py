@@ -43,12 +43,9 @@ def prepared_with(scan, point_map, prior, weighting=Weighting.COSINE):
 
 
 @given(
-    seed=SEEDS,
-    n_points=st.integers(1, 80) | st.just(400),
-    spread=st.sampled_from([0.0, 2.0, 60.0, 3000.0, 1e8]),
-    height=st.sampled_from([0.0, 3.0, 1e8]),
-    weighting=st.sampled_from(list(Weighting)),
-)
+    seed=SEEDS, n_points=st.integers(1, 80) | st.just(400), spread=st.sampled_from([0.0, 2.0, 60.0, 3000.0, 1e8]),
+    height=st.sampled_from([0.0, 3.0, 1e8]), weighting=st.sampled_from(list(Weighting)),
+)  # fmt: skip
 def test_groups_hold_all_points_of_one_square_and_layer_and_tiles_are_those_they_can_meet(
     seed, n_points, spread, height, weighting
 ):

@@ -402,12 +402,9 @@ EDGES = st.sampled_from([0, -3, -TILE_VOXELS, 3 * TILE_VOXELS])
 
 
 @given(
-    seed=SEEDS,
-    size=st.tuples(*3 * [st.integers(1, 6)]),
-    edge=st.tuples(EDGES, EDGES, st.just(-2)),
-    offset=st.tuples(*2 * [st.integers(-5, 4)]),
-    n_points=st.integers(0, 60),
-)
+    seed=SEEDS, size=st.tuples(*3 * [st.integers(1, 6)]), edge=st.tuples(EDGES, EDGES, st.just(-2)),
+    offset=st.tuples(*2 * [st.integers(-5, 4)]), n_points=st.integers(0, 60),
+)  # fmt: skip
 def test_points_match_where_their_own_voxel_is_in_the_map(seed, size, edge, offset, n_points):
     rng = np.random.default_rng(seed)
     block = np.array(list(itertools.product(*(range(-1, n + 1) for n in size))))  # all around the scan too

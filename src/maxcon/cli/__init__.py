@@ -18,14 +18,10 @@ from maxcon.errors import MaxconError
 __all__ = ["app", "main"]
 
 app = typer.Typer(
-    name="maxcon",
-    help="Maximum-consensus localization of LiDAR scans in a point-cloud map.",
-    no_args_is_help=True,
-    add_completion=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    rich_markup_mode=None,
+    name="maxcon", help="Maximum-consensus localization of LiDAR scans in a point-cloud map.", no_args_is_help=True,
+    add_completion=False, context_settings={"help_option_names": ["-h", "--help"]}, rich_markup_mode=None,
     pretty_exceptions_enable=False,
-)
+)  # fmt: skip
 app.add_typer(maps.app, name="map")
 app.add_typer(preparation.scans, name="scans")
 app.command(cls=GroupedCommand, short_help="Localize every scan of a drive in a map.")(localize)

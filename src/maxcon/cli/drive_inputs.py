@@ -93,18 +93,11 @@ class DriveOpener:
 
         how, certainty = self.method, self.certainty
         method = MaximumConsensus(
-            _fixed_space(self.space),
-            objective=parse_objective(how.objective),
-            multiplicity=how.multiplicity,
+            _fixed_space(self.space), objective=parse_objective(how.objective), multiplicity=how.multiplicity,
             n_threads=self.threads if self.is_track else 1,
-            trust=Trust(certainty.least_share, certainty.largest_runner_up),
-            weighting=how.weighting,
-            search=how.search,
-            thinning=how.thinning,
-            refinement=how.refinement,
-            wider=self.space.wider,
-            risk=certainty.risk,
-        )
+            trust=Trust(certainty.least_share, certainty.largest_runner_up), weighting=how.weighting, search=how.search,
+            thinning=how.thinning, refinement=how.refinement, wider=self.space.wider, risk=certainty.risk,
+        )  # fmt: skip
         windows = _within_sigmas(self.space, method, prior.trajectory, self.drive.max_gap, track=self.is_track)
         if self.is_track and windows is not None:
             method, windows = windows.at(float(prior.trajectory.times[0])), None

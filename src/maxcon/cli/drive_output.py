@@ -108,14 +108,10 @@ def drawer(drive: OpenedDrive, folder: Path, wanted: frozenset[int]) -> Callable
         method = searching if isinstance(searching, MaximumConsensus) else searching.at(epoch.raw.time)
         make_folder(folder)
         plot_epoch(
-            folder / f"{epoch.epoch:06d}.png",
-            accumulator=method.accumulate(epoch.scan, drive.point_map, epoch.prior),
-            objective=method.cell_search.objective,
-            estimate=epoch.estimate,
-            scan=epoch.scan,
-            point_map=drive.point_map,
+            folder / f"{epoch.epoch:06d}.png", accumulator=method.accumulate(epoch.scan, drive.point_map, epoch.prior),
+            objective=method.cell_search.objective, estimate=epoch.estimate, scan=epoch.scan, point_map=drive.point_map,
             title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {drive.opener.method.objective}, {method.multiplicity}",
-        )
+        )  # fmt: skip
 
     return draw
 

@@ -9,6 +9,7 @@ import typer
 
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
 from maxcon.cli.options import AtStamp, RangeOptions, Topic
+from maxcon.cli.terminal import warn
 from maxcon.errors import FileError, MapError, OptionError
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def export(what: ExportOptions, ranges: RangeOptions) -> None:
     """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
     from maxcon.drive.poses_table import table_of_drive
     from maxcon.export import SCAN_SUFFIXES, SCENE_SUFFIXES, check_suffix, export_poses, export_scans, read_rows
+    from maxcon.io.crs import GeographicFrame
     from maxcon.io.scans import open_scans
 
     out, crs = what.out, what.crs
@@ -73,6 +75,11 @@ def export(what: ExportOptions, ranges: RangeOptions) -> None:
         rows = export_poses(table, out, crs, point_map=point_map, scans=scans, **vars(ranges))
     n_localized = sum(row.pose is not None for row in rows)
     typer.echo(f"{n_localized} of {len(rows)} epochs have a pose{points}; written to {out}")
+    if crs is not None and suffix in (".geojson", ".kml", ".mcap"):
+        frame = GeographicFrame(crs)
+        frame.to_geographic(next(row.pose.position[None] for row in rows if row.pose is not None))
+        if frame.operation is not None and not frame.operation.is_exact:
+            warn(f"warning: longitudes and latitudes {frame.operation.words}")
 
 
 def check_out(source: Path, out: Path, *, overwrite: bool) -> None:

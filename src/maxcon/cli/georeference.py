@@ -4,13 +4,14 @@
 
 import csv
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from maxcon.cli.flags import OptionGroup, argument, check_needs, flag, flags
-from maxcon.cli.options import GeoidHeight, Quiet
+from maxcon.cli.options import AllowInexactCrs, GeoidHeight, Quiet
 from maxcon.cli.terminal import compiling_told, print_rows, step_bars
 from maxcon.errors import OptionError
 
@@ -37,6 +38,7 @@ class PlaceOptions(OptionGroup):
     )
     gnss_topic: str | None = flag(None, "Which positions of a recording.", metavar="NAME")
     geoid_height: GeoidHeight = None
+    allow_inexact_crs: AllowInexactCrs = False
     control: Path | None = flag(
         None,
         "Control points: name,x,y,z in the map, east,north,height in the CRS, and sigma (m) if not 0.05.",
@@ -69,6 +71,7 @@ class PlaceOptions(OptionGroup):
         """Return the same places in the map and in the CRS."""
         from maxcon.cli.drive_inputs import read_rough_poses
         from maxcon.io.trajectories import read_trajectory
+        from maxcon.map.manifest import read_manifest
         from maxcon.mapping.georeference import places_of_fixes, read_control_points
         from maxcon.scan.mounting import read_mounting, sensor_trajectory
 
@@ -82,7 +85,12 @@ class PlaceOptions(OptionGroup):
             fixes = read_rough_poses(
                 self.gnss, self.crs, self.geoid_height, asked, topic=self.gnss_topic, are_sure=True
             )
-            found.append(places_of_fixes(antenna, fixes.trajectory))
+            operation = fixes.operation
+            # A receiver's places are in the datum of its corrections: an operation that moves none is no fault.
+            is_safe = operation is None or not (operation.moves or operation.accuracy < 0.0)
+            if operation is not None and not (is_safe or self.allow_inexact_crs):
+                operation.check(read_manifest(self.map_folder).cell, str(self.gnss))
+            found.append(replace(places_of_fixes(antenna, fixes.trajectory), operation=operation))
         return tuple(found)
 
 

@@ -224,17 +224,10 @@ def study(
             typer.echo(f"without {', '.join(missing)}: pip install 'maxcon[baselines]'")
     with step_bars(quiet) as report:
         done = run_study(
-            opened,
-            what.out,
-            chosen,
-            priors=what.prior,
-            n_epochs=what.epochs,
-            n_workers=worker.workers,
-            options=DriveOptions(ranges.min_range, ranges.max_range, space.max_gap),
-            progress=report,
-            scheduler=worker.scheduler,
-            warn=warn,
-        )
+            opened, what.out, chosen, priors=what.prior, n_epochs=what.epochs, n_workers=worker.workers,
+            options=DriveOptions(ranges.min_range, ranges.max_range, space.max_gap), progress=report,
+            scheduler=worker.scheduler, warn=warn,
+        )  # fmt: skip
     _print_study(done, "".join(f" --objective {name}" for name in [*objectives][:1]))
 
 
@@ -300,13 +293,8 @@ def report(what: ReportOptions, quiet: Quiet = False) -> None:
     objective = None if what.objective is None else parse_objective(what.objective)
     with step_bars(quiet) as tell:
         folder = report_study(
-            what.study,
-            what.out,
-            figures=what.figures,
-            dataset=what.dataset,
-            prior=what.prior,
-            objective=objective,
+            what.study, what.out, figures=what.figures, dataset=what.dataset, prior=what.prior, objective=objective,
             progress=tell,
-        )
+        )  # fmt: skip
     typer.echo(f"{what.out}")
     typer.echo(f"figures      {folder}")

@@ -94,21 +94,10 @@ class EpochWorkers(WorkerOptions, title="How it is done"):
 
 @flags
 def localize(
-    *,
-    files: DriveFiles,
-    method: MethodOptions,
-    space: SpaceOptions,
-    certainty: Certainty,
-    motion: MotionOptions,
-    recording: RecordingOptions,
-    ranges: RangeOptions,
-    time: TimeOptions,
-    table: TableOptions,
-    pictures: PictureOptions,
-    view: ViewOptions,
-    worker: EpochWorkers,
-    quiet: Quiet = False,
-) -> None:
+    *, files: DriveFiles, method: MethodOptions, space: SpaceOptions, certainty: Certainty, motion: MotionOptions,
+    recording: RecordingOptions, ranges: RangeOptions, time: TimeOptions, table: TableOptions, pictures: PictureOptions,
+    view: ViewOptions, worker: EpochWorkers, quiet: Quiet = False,
+) -> None:  # fmt: skip
     """Localize every scan of a drive in a map; the row of each is in POSES.csv once it is done.
 
     One drive is localized in this process if neither --workers nor --scheduler says otherwise.
@@ -248,14 +237,9 @@ class PlaceCertainty(OptionGroup, title="Certainty"):
 
 @flags
 def relocalize(
-    ranges: RangeOptions,
-    files: ScanFiles,
-    circle: CircleOptions,
-    certainty: PlaceCertainty,
-    table: TableOptions,
-    view: ViewOptions,
-    quiet: Quiet = False,
-) -> None:
+    ranges: RangeOptions, files: ScanFiles, circle: CircleOptions, certainty: PlaceCertainty, table: TableOptions,
+    view: ViewOptions, quiet: Quiet = False,
+) -> None:  # fmt: skip
     """Find scans in a map without any prior: at any place of it, or in a circle, and at any heading.
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.

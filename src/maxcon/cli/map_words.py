@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from maxcon.cli.terminal import print_rows
-from maxcon.io.crs import crs_name
+from maxcon.io.crs import LARGEST_INEXACTNESS, crs_name
 from maxcon.map import TILE_VOXELS
 from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import FORMAT_VERSION, Manifest
@@ -37,7 +37,7 @@ def print_manifest(manifest: Manifest) -> None:
         ("tiles", f"{len(keys):,} of {edge:g} m, in {files}"),
         ("extent", f"x {x_low:.1f} to {x_high:.1f}, y {y_low:.1f} to {y_high:.1f} m"),
         ("origin", ", ".join(f"{value:.12g}" for value in manifest.origin) + " m"),
-        ("CRS", crs_name(manifest.crs)),
+        ("CRS", "; ".join(filter(None, [crs_name(manifest.crs), inexact_words(manifest)]))),
         ("normals", f"{build.get('normals', 'unknown')}, {signed}"),
         ("ground", _ground(manifest)),
     ]
@@ -49,6 +49,7 @@ def print_manifest(manifest: Manifest) -> None:
         heading = math.degrees(math.atan2(placed["rotation"][1][0], placed["rotation"][0][0]))
         parent = f"{placed['parent']['name']} {placed['parent']['sha256'][:8]} turned by {heading:.3f} degrees"
         words = f"{placed['n_places']:,} places, {placed['n_outliers']:,} outliers; known to {placed['sigma']:.3f} m"
+        words += f", their coordinates by {operation['name']}" if (operation := placed.get("operation")) else ""
         rows.append(("placed", f"{parent} by {words}"))
     rows += [("sigma", sigma_words(manifest)), ("made by", str(build.get("program", "unknown")))]
     rows += rows_of_updates(build.get("updates", []))
@@ -57,6 +58,16 @@ def print_manifest(manifest: Manifest) -> None:
     print_rows(("source", _source(source, is_found="found" in build)) for source in sources[:MOST_SOURCES])
     if len(sources) > MOST_SOURCES:
         typer.echo(f"{'':<12} {len(sources) - MOST_SOURCES} more sources in manifest.json")
+
+
+def inexact_words(manifest: Manifest) -> str:
+    """A warning that coordinates came into the map's CRS inexactly; nothing if they did not."""
+    parts = [*manifest.build.get("sources", []), manifest.build.get("georeference", {})]
+    found = [operation["accuracy"] for part in parts if (operation := part.get("operation"))]
+    worst = -1.0 if min(found, default=0.0) < 0.0 else max(found, default=0.0)
+    if 0.0 <= worst <= LARGEST_INEXACTNESS:
+        return ""
+    return f"warning: PROJ's operation may have put it off by {f'{worst:g} m' if worst > 0.0 else 'any distance'}"
 
 
 def rows_of_updates(updates: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:

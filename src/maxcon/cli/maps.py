@@ -12,7 +12,7 @@ import typer
 from maxcon.cli.drive_of_map import DriveOptions
 from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclusive, flag, flags
 from maxcon.cli.georeference import georeference
-from maxcon.cli.options import Quiet, RangeOptions, Scheduler
+from maxcon.cli.options import AllowInexactCrs, Quiet, RangeOptions, Scheduler
 from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
 from maxcon.errors import OptionError
 
@@ -91,6 +91,7 @@ class CloudOptions(OptionGroup, title="Inputs"):
         " trajectory has to be in it.",
         metavar="EPSG:N|WKT",
     )
+    allow_inexact_crs: AllowInexactCrs = False
     area: str | None = flag(
         None, "Take only points in this rectangle, in the CRS of the map.", metavar="X_MIN,Y_MIN,X_MAX,Y_MAX"
     )
@@ -162,13 +163,9 @@ class TileWorkers(OptionGroup, title="How it is done"):
 @app.command(cls=GroupedCommand)
 @flags
 def build(
-    cloud: CloudOptions,
-    drive: DriveOptions,
-    classes: ClassOptions,
-    worker: TileWorkers,
-    output: MapOutput,
+    cloud: CloudOptions, drive: DriveOptions, classes: ClassOptions, worker: TileWorkers, output: MapOutput,
     quiet: Quiet = False,
-) -> None:
+) -> None:  # fmt: skip
     """Build a map of clouds, or of scans and their poses: drop classes, find normals, rasterize into voxels."""
     from maxcon.cli.map_words import print_manifest
     from maxcon.io.trajectories import read_trajectory
@@ -194,19 +191,13 @@ def build(
     check_exclusive({"--scans": drive.scans}, of_clouds)
     engine = worker.engine()
     options = MapOptions(
-        cell=output.cell,
-        drop=() if classes.keep_all else classes.drop or None,
+        cell=output.cell, drop=() if classes.keep_all else classes.drop or None,
         vehicle_classes=tuple(classes.vehicle_class or ()),
         trajectory=read_trajectory(cloud.trajectory) if cloud.trajectory is not None else None,
-        normals_have_sides=cloud.signed_normals,
-        crs=cloud.crs,
-        keep_every=cloud.keep_every,
-        sigma=output.sigma,
-        to_crs=cloud.to_crs,
-        classes_are_asprs=classes.asprs_classes,
-        classify=classes.classify,
-        area=Area.parse(cloud.area) if cloud.area is not None else None,
-    )
+        normals_have_sides=cloud.signed_normals, crs=cloud.crs, keep_every=cloud.keep_every, sigma=output.sigma,
+        to_crs=cloud.to_crs, allow_inexact_crs=cloud.allow_inexact_crs, classes_are_asprs=classes.asprs_classes,
+        classify=classes.classify, area=Area.parse(cloud.area) if cloud.area is not None else None,
+    )  # fmt: skip
     make: Callable[..., Manifest] = partial(build_map, cloud.clouds or [])
     if (placed := drive.open(quiet)) is not None:
         typer.echo(placed.words, err=True)

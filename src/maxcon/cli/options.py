@@ -40,6 +40,10 @@ TurnTime = Annotated[
         " clockwise seen from above; negative for counter-clockwise.",
     ),
 ]
+AllowInexactCrs = Annotated[
+    bool,
+    typer.Option("--allow-inexact-crs", help="The CRS may be converted to less exactly than to a voxel of the map."),
+]
 GeoidHeight = Annotated[
     float | None,
     typer.Option(metavar="M", help="Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m."),

@@ -105,11 +105,15 @@ class Ros2Node:
         place = [float(message.latitude), float(message.longitude), 0.0]
         if self._geographic is None or message.status.status < 0 or not is_place(place):
             return
+        is_first = self._geographic.operation is None
         x, y, _ = self._geographic.to_map(np.array([place]), 0.0)[0].tolist()
+        if is_first and (operation := self._geographic.operation) and not operation.is_exact:
+            warn(f"positions come into the map's CRS {operation.words}")
         variance = max(float(message.position_covariance[k]) for k in (0, 4))
         sigma = math.sqrt(variance) if message.position_covariance_type > 0 and variance >= 0.0 else UNSTATED_SIGMA
+        sigma += self._lever + self._geographic.shift_sigma
         if math.isfinite(x + y + sigma):
-            self._live.add_position(stamp_of(message, clock.time_ns()) / 1e9, x, y, sigma + self._lever)
+            self._live.add_position(stamp_of(message, clock.time_ns()) / 1e9, x, y, sigma)
 
     # --- out --------------------------------------------------------------------------------------------------
 

@@ -46,15 +46,9 @@ def files_of_export(out: str | os.PathLike[str]) -> tuple[Path, ...]:
 
 
 def export_poses(
-    table: str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    crs: str | None = None,
-    *,
-    point_map: PointMap | None = None,
-    scans: Scans | None = None,
-    min_range: float = 1.0,
-    max_range: float = 120.0,
-) -> list[PoseRow]:
+    table: str | os.PathLike[str], out: str | os.PathLike[str], crs: str | None = None, *,
+    point_map: PointMap | None = None, scans: Scans | None = None, min_range: float = 1.0, max_range: float = 120.0,
+) -> list[PoseRow]:  # fmt: skip
     """Write the poses of POSES.csv, or of a drive's Parquet file, for another program.
 
     Parameters
@@ -99,14 +93,9 @@ def export_poses(
 
 
 def export_scans(
-    table: str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    scans: Scans,
-    crs: str | None,
-    *,
-    min_range: float = 1.0,
-    max_range: float = 120.0,
-) -> tuple[list[PoseRow], int]:
+    table: str | os.PathLike[str], out: str | os.PathLike[str], scans: Scans, crs: str | None, *,
+    min_range: float = 1.0, max_range: float = 120.0,
+) -> tuple[list[PoseRow], int]:  # fmt: skip
     """Write the scans of the localized epochs, placed in the map, as .laz or .las; return all rows and how many points.
 
     scans: those of the table: a localized row without a scan of its time is a TrajectoryError.

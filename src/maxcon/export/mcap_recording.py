@@ -93,12 +93,8 @@ def _transform(time: float, topic: str, parent: str, child: str, pose: Pose) -> 
 def _fix(row: PoseRow, z: float, lonlat: tuple[float, float]) -> Entry:
     covariance = covariance_of(row)[:3, :3]
     content = {
-        "header": header_of(row.time, SENSOR_FRAME),
-        "status": dict(status=0, service=1),
-        "latitude": lonlat[1],
-        "longitude": lonlat[0],
-        "altitude": z,
-        "position_covariance": covariance.ravel(),
+        "header": header_of(row.time, SENSOR_FRAME), "status": dict(status=0, service=1), "latitude": lonlat[1],
+        "longitude": lonlat[0], "altitude": z, "position_covariance": covariance.ravel(),
         "position_covariance_type": 3 if covariance.any() else 0,
-    }
+    }  # fmt: skip
     return Entry(row.time, "/fix", "sensor_msgs/msg/NavSatFix", content)

@@ -3,7 +3,9 @@
 """Coordinate reference systems (D1): names, points of one in another with their heights, and what receivers say."""
 
 import math
+import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -16,6 +18,7 @@ NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0
 """Of surveys, from the middle of the earth, m: from under the sea at the poles to aircraft above the equator."""
 MARKS = 21  # points on each side of a rectangle that are transformed to find one around it
 LARGEST_INEXACTNESS = 0.05  # m: a transformation that is less exact is worth a warning
+MOVING = ("helmert", "molodensky", "molobadekas", "shift", "deformation")  # in the names of PROJ's steps
 GEOGRAPHIC, GEOGRAPHIC_3D = "EPSG:4326", "EPSG:4979"
 NORTHWARDS = 1e-4  # degrees, some 11 m: over such a way the direction of north on the grid is found
 
@@ -103,6 +106,67 @@ def to_wgs84(crs: str, places: Sequence[tuple[float, float]]) -> list[tuple[floa
     return list(zip(longitudes, latitudes, strict=True))
 
 
+class Operation(NamedTuple):
+    """By which of its operations PROJ turned coordinates, and how exactly.
+
+    name: PROJ's. accuracy: m; -1 if PROJ knows none, which `% math.inf` makes the worst of all. moves: whether
+    places move, or are only written otherwise. grids: the files that are missing for the most exact operation there.
+    """
+
+    name: str
+    accuracy: float
+    moves: bool
+    grids: str = ""
+
+    @classmethod
+    def last_used(cls, transformer: Any, source: Any, target: Any, place: tuple[float, float, float]) -> "Operation":
+        """Return that of the last call: PROJ chose it by the place, in the source, and knows it in this thread."""
+        from pyproj import Transformer
+        from pyproj.aoi import AreaOfInterest
+        from pyproj.exceptions import ProjError
+        from pyproj.transformer import TransformerGroup
+
+        with suppress(ProjError):  # of several none was called, as nothing is to be done
+            transformer = transformer.get_last_used_operation()
+        moves = any(word in transformer.definition for word in MOVING)
+        used = cls(str(transformer.description), float(transformer.accuracy), moves)
+        if used.is_exact:
+            return used
+        east, north, _ = Transformer.from_crs(source, GEOGRAPHIC_3D, always_xy=True).transform(*place)
+        area: Any = AreaOfInterest(east, north, east, north)
+        with warnings.catch_warnings(action="ignore", category=UserWarning):  # that grids are missing
+            group = TransformerGroup(source, target, always_xy=True, area_of_interest=area)
+        better = [each for each in group.unavailable_operations if 0.0 <= each.accuracy < used.accuracy % math.inf]
+        grids = min(better, key=lambda each: each.accuracy).grids if better else ()
+        return used._replace(grids=", ".join(grid.short_name for grid in grids if not grid.available))
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether nobody has to be warned."""
+        return 0.0 <= self.accuracy <= LARGEST_INEXACTNESS
+
+    @property
+    def words(self) -> str:
+        """Its name, its accuracy, and what would be more exact."""
+        exact = f"exact to {self.accuracy:g} m" if self.accuracy > 0.0 else "exactly"
+        exact = exact if self.accuracy >= 0.0 else "of unknown accuracy"
+        grid = f" (more exact with {self.grids}: `pyproj sync --file {self.grids}`)" if self.grids else ""
+        return f"by {self.name}, {exact}{grid}"
+
+    def describe(self) -> dict[str, object]:
+        """Return its entry in the manifest of a map."""
+        return {"name": self.name, "accuracy": self.accuracy}
+
+    def check(self, cell: float, what: str) -> None:
+        """Refuse it for a map of voxels of this edge, m, unless it is at least as exact as they are: CrsError."""
+        if not self.is_exact and not 0.0 <= self.accuracy <= cell:
+            remedy = "Get the grid" if self.grids else "Choose a CRS of the same datum"
+            raise CrsError(
+                f"Expected a transformation of {what} exact to a voxel of the map, at most {cell:g} m, got one"
+                f" {self.words}. {remedy}, or take it as it is: --allow-inexact-crs."
+            )
+
+
 class PointTransform:
     """Turns points of a source into coordinates of a projected CRS in metres.
 
@@ -111,13 +175,14 @@ class PointTransform:
     or where a projected CRS has none, that of its plane.
 
     source, target: CRS of the points, and the one to turn them into: WKT or codes.
+    operation: the least exact that PROJ has taken; None before the first, and where only the unit of heights changes.
     """
 
     def __init__(self, source: str, target: str) -> None:
         self._source, self._target = parse_crs(source), parse_crs(metric_crs(target))
         self._has_heights = self._source.is_geocentric or len(self._target.axis_info) > 2
         self._transformer, self._height_unit = self._with_heights() if self._has_heights else self._in_plane()
-        self._operation = "", 0.0
+        self.operation: Operation | None = None
 
     @property
     def height_reference(self) -> str:
@@ -130,10 +195,7 @@ class PointTransform:
     @property
     def words(self) -> str:
         """From which CRS, by which operation and how exactly, and what became of heights."""
-        name, accuracy = self._operation
-        exact = f" by {name}, exact to {accuracy:g} m" if accuracy > 0.0 else ""
-        if accuracy > LARGEST_INEXACTNESS:
-            exact += ": the map may be off by that; PROJ lacks a grid, or a datum such as WGS 84 is no finer"
+        exact = "" if self.operation is None else f" {self.operation.words}"
         unit = "" if self._height_unit == 1.0 else f", heights times {self._height_unit:.10g}"
         return f"from {crs_name(self._source.to_wkt())}{exact}{unit}"
 
@@ -147,18 +209,20 @@ class PointTransform:
             _check_geocentric(points)
         if self._has_heights:
             placed = np.stack(self._transformer.transform(x, y, z), axis=1)
-            self._keep_operation(placed)
+            self._keep_operation(points, placed)
             return placed
         if self._transformer is not None:
             x, y = self._transformer.transform(x, y)
-            self._keep_operation(x)
+            self._keep_operation(points, np.stack([x, y], axis=1))
         return np.stack([x, y, z * self._height_unit], axis=1)
 
-    def _keep_operation(self, placed: NDArray[np.float64]) -> None:
-        """Of several operations PROJ takes one when it is called, and knows it only in the thread that called."""
-        if self._operation[1] <= 0.0 and np.isfinite(placed).any():
-            used = self._transformer.get_last_used_operation()
-            self._operation = str(used.description), float(used.accuracy)
+    def _keep_operation(self, points: NDArray[np.float64], placed: NDArray[np.float64]) -> None:
+        rows = np.flatnonzero(np.isfinite(placed).all(axis=1))
+        if len(rows):
+            crs = (self._source, self._target) if self._has_heights else (self._source.to_2d(), self._target.to_2d())
+            x, y, z = points[rows[-1]].tolist()
+            used = Operation.last_used(self._transformer, *crs, (x, y, z))
+            self.operation = max(used, self.operation or used, key=lambda each: each.accuracy % math.inf)
 
     def bounds_in_source(self, bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float] | None:
         """Return a rectangle (x_min, y_min, x_max, y_max) of the source that holds one of the target.
@@ -226,11 +290,12 @@ def _check_geocentric(points: NDArray[np.float64]) -> None:
 class GeographicFrame:
     """What a GNSS receiver says, in the coordinates of a map whose CRS is given as WKT or a code.
 
-    CrsError if that is unknown.
+    CrsError if that is unknown. `operation`: by which the first places came there, or from there; None before.
     """
 
     def __init__(self, crs: str) -> None:
         self._crs = parse_crs(crs)
+        self.operation: Operation | None = None
 
     def contains(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether places (latitude, longitude) lie where the map's CRS is meant for, about 1 degree around included.
@@ -256,6 +321,15 @@ class GeographicFrame:
         """Whether the map's CRS says that its heights are above the ellipsoid."""
         return self.has_heights and not self._crs.is_compound
 
+    @property
+    def shift_sigma(self) -> float:
+        """How far places may be off, m, as they were moved into the datum of the map; 0 where they were not.
+
+        A receiver's are in the datum of its corrections, whatever it says: PROJ's metre of WGS 84 does not count.
+        """
+        operation = self.operation
+        return 0.0 if operation is None or operation.is_exact or not operation.moves else max(operation.accuracy, 0.0)
+
     def to_map(self, places: NDArray[np.float64], geoid_height: float | None = None) -> NDArray[np.float64]:
         """Return coordinates in the map's CRS, shape (n, 3), m.
 
@@ -265,8 +339,11 @@ class GeographicFrame:
         """
         latitude, longitude, height = places.T
         if self.has_heights and geoid_height is None:
-            return np.stack(self._transformer.transform(longitude, latitude, height), axis=1)
+            placed = np.stack(self._transformer.transform(longitude, latitude, height), axis=1)
+            self._keep_operation(self._transformer, placed, places)
+            return placed
         x, y = self._plane.transform(longitude, latitude)
+        self._keep_operation(self._plane, np.stack([x, y], axis=1), places)
         return np.stack([x, y, height - (geoid_height or 0.0)], axis=1)
 
     def to_geographic(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -276,7 +353,16 @@ class GeographicFrame:
             longitude, latitude, z = self._transformer.transform(x, y, z, direction="INVERSE")
         else:
             longitude, latitude = self._plane.transform(x, y, direction="INVERSE")
-        return np.stack([latitude, longitude, z], axis=1)
+        places = np.stack([latitude, longitude, z], axis=1)
+        self._keep_operation(self._transformer if self.has_heights else self._plane, places, places)
+        return places
+
+    def _keep_operation(self, transformer: Any, placed: NDArray[np.float64], places: NDArray[np.float64]) -> None:
+        rows = np.flatnonzero(np.isfinite(placed).all(axis=1))
+        if self.operation is None and len(rows):
+            latitude, longitude = places[rows[-1], :2].tolist()
+            source, target = parse_crs(GEOGRAPHIC), self._crs.to_2d()
+            self.operation = Operation.last_used(transformer, source, target, (longitude, latitude, 0.0))
 
     def convergence(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far true north is turned from the grid's, shape (n,), rad, counter-clockwise."""

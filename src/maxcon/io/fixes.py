@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, OptionError, TrajectoryError
 from maxcon.geometry.pose import angles_from_quaternions, quaternions_from_angles, wrap_angle
-from maxcon.io.crs import GeographicFrame
+from maxcon.io.crs import GeographicFrame, Operation
 from maxcon.scan.trajectory import Trajectory, first_fault
 
 BASELINE = 5.0  # a course over ground is that between two positions so far apart, m
@@ -80,6 +80,7 @@ class RecordedPoses:
     - position_frame, orientation_frame: names of the frames whose positions and whose orientations these are; empty
       where not told.
     - left_out: what is wrong with rows that are no poses.
+    - operation: by which positions came into the map's CRS; None where none was needed.
     """
 
     trajectory: Trajectory
@@ -89,6 +90,7 @@ class RecordedPoses:
     position_frame: str = ""
     orientation_frame: str = ""
     left_out: tuple[str, ...] = ()
+    operation: Operation | None = None
 
 
 def place_fixes(
@@ -125,16 +127,19 @@ def place_fixes(
         sigmas = np.sqrt(2.0 * np.maximum(larger, 0.0)) / BASELINE
     covariances = np.zeros((len(rows), 3, 3))
     covariances[:, :2, :2] = log.covariances[rows]
+    covariances[:, :2, :2] += np.eye(2) * frame.shift_sigma**2
     covariances[:, 2, 2] = sigmas**2
     covariances[np.isnan(covariances).any(axis=(1, 2))] = np.nan
     known = None if np.isnan(covariances).all() else covariances
+    inexact = "" if frame.operation is None or frame.operation.is_exact else f"; {frame.operation.words}"
     left = f"; {log.n_left_out} messages without a fix left out" if log.n_left_out else ""
     return RecordedPoses(
         checked_trajectory(label, log.times[rows], positions[rows], quaternions, known),
-        f"{log.words}; {others or words}; heights: {words_of_heights}{left}",
+        f"{log.words}; {others or words}; heights: {words_of_heights}{inexact}{left}",
         None if frame.has_heights or geoid_height is not None else log.heights,
         not others,
         left_out=log.left_out,
+        operation=frame.operation,
     )
 
 

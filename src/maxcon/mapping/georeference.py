@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import OptionError, TrajectoryError
+from maxcon.io.crs import Operation
 from maxcon.io.text import read_pose_table
 from maxcon.scan.trajectory import Trajectory
 
@@ -44,6 +45,7 @@ class Places:
     local, global_: shape (n, 3), m.
     sigmas: shape (n, 3); along the axes of the CRS, m, but for a factor where `has_own_scale`: of fixes, whose errors
         are estimated, horizontal and vertical, and follow each other in time.
+    operation: by which they came into the CRS; None where they were in it.
     """
 
     names: tuple[str, ...]
@@ -51,6 +53,7 @@ class Places:
     global_: NDArray[np.float64]
     sigmas: NDArray[np.float64]
     has_own_scale: bool
+    operation: Operation | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +110,9 @@ class Georeference:
         arrays = {name: getattr(self, name).tolist() for name in ("rotation", "middle", "to")}
         turns = [round(value, 5) for value in self.sigmas_of_turns_deg]
         counts = {"n_places": len(self.residuals), "n_outliers": int(self.are_outliers.sum())}
-        return {**arrays, "scale": self.scale, "sigma": round(self.sigma, 4), "sigmas_of_turns_deg": turns, **counts}
+        operation = next((each.operation.describe() for each in self.places if each.operation), None)
+        sigmas = {"sigma": round(self.sigma, 4), "sigmas_of_turns_deg": turns}
+        return {**arrays, "scale": self.scale, **sigmas, **counts, "operation": operation}
 
 
 def places_of_fixes(antenna: Trajectory, fixes: Trajectory) -> Places:

@@ -40,14 +40,9 @@ def method(objective, multiplicity):
 def summary(name, n_epochs, n_localized, n_success, median, worst, heading, ms):
     """What the table shows of a method's results."""
     return SimpleNamespace(
-        method=name,
-        n_epochs=n_epochs,
-        n_success=n_success,
-        distance=SimpleNamespace(median=median, worst=worst),
-        heading_error=SimpleNamespace(worst=heading),
-        n_localized=n_localized,
-        ms=SimpleNamespace(median=ms),
-    )
+        method=name, n_epochs=n_epochs, n_success=n_success, distance=SimpleNamespace(median=median, worst=worst),
+        heading_error=SimpleNamespace(worst=heading), n_localized=n_localized, ms=SimpleNamespace(median=ms),
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")

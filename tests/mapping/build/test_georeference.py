@@ -2,17 +2,22 @@
 # SPDX-License-Identifier: MIT
 """Maps in another CRS than their clouds, and of a part of them: feet, degrees, geocentric coordinates, heights."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pyproj
 import pytest
 
 from maxcon import PointMap
+from maxcon.cli.map_words import inexact_words
 from maxcon.errors import CrsError, MapError, OptionError
 from maxcon.io.clouds import open_cloud
-from maxcon.io.crs import PointTransform
+from maxcon.io.crs import Operation, PointTransform
 from maxcon.mapping.build import Area, MapOptions, build_map
 
-UTM = "EPSG:25832"
+UTM, GAUSS_KRUEGER = "EPSG:25832", "EPSG:31467"
+OF_UNKNOWN_ACCURACY = "+proj=tmerc +lon_0=9 +ellps=bessel +towgs84=598,73,418,0.2,0,-2.4,6.7 +type=crs"
 FOOT = 1200.0 / 3937.0
 
 
@@ -93,14 +98,39 @@ def test_what_cannot_be_transformed_is_refused(tmp_path, cloud_files, points):
     assert not (tmp_path / "x.map").exists()
 
 
-def test_a_transformation_says_which_operation_it_took_and_how_exact_it_is():
-    transform = PointTransform("EPSG:31467", "EPSG:25832")
+@pytest.mark.parametrize(
+    ("source", "place", "words", "moves"),
+    [
+        (GAUSS_KRUEGER, (3458833.0, 5430000.0), r"DHDN to ETRS89.*, exact to .* m \(more exact with \w+\.tif: `", True),
+        ("EPSG:4326", (8.4, 49.0), r"ETRS89 to WGS 84 .*, exact to 1 m$", False),
+        (OF_UNKNOWN_ACCURACY, (0.0, 5400000.0), ", of unknown accuracy$", True),
+        ("EPSG:4258", (8.4, 49.0), "UTM zone 32N, exactly$", False),
+    ],
+)  # fmt: skip
+def test_a_transformation_says_which_operation_it_took_and_how_exact_it_is(source, place, words, moves):
+    transform = PointTransform(source, UTM)
     assert not np.isfinite(transform.apply(np.array([[np.inf, 0.0, 0.0]]))[0, 0])
-    transform.apply(np.array([[3458833.0, 5430000.0, 100.0]]))
-    assert "DHDN to ETRS89" in transform.words and "exact to " in transform.words
-    wgs84 = PointTransform("EPSG:4326", "EPSG:25832")
-    wgs84.apply(np.array([[8.4, 49.0, 100.0]]))
-    assert "exact to 1 m: the map may be off by that" in wgs84.words
+    assert transform.operation is None
+    transform.apply(np.array([[*place, 100.0]]))
+    assert re.search(words, transform.words)
+    assert transform.operation.moves == moves
+
+
+def test_a_map_that_would_be_off_by_more_than_a_voxel_is_refused_unless_asked(tmp_path, cloud_files, points):
+    """With the least cell before all points are read; and it says what its coordinates are worth."""
+    there = cloud_files.npz(tmp_path / "there.npz", _other(points, GAUSS_KRUEGER))
+    for cell in (None, 0.5):
+        options = MapOptions(crs=GAUSS_KRUEGER, to_crs=UTM, cell=cell)
+        with pytest.raises(CrsError, match=r"of .*there\.npz exact to a voxel.*DHDN to ETRS89.*Get the grid, or"):
+            build_map([there], tmp_path / "x.map", options)
+    manifest = build_map([there], tmp_path / "a.map", replace(options, allow_inexact_crs=True))
+    operation = manifest.build["sources"][0]["operation"]
+    assert "DHDN to ETRS89" in operation["name"] and operation["accuracy"] > 0.5
+    assert "warning: PROJ's operation may have put it off by " in inexact_words(manifest)
+    unknown = Operation("Ballpark", -1.0, moves=False)
+    with pytest.raises(CrsError, match=r"of unknown accuracy. Choose a CRS of the same datum, or take it"):
+        unknown.check(1.0, "a.laz")
+    unknown._replace(accuracy=0.5).check(0.5, "a.laz")
 
 
 def test_a_part_of_a_cloud(tmp_path, cloud_files, points):
@@ -138,7 +168,7 @@ def test_real_copc_files_as_a_whole_and_by_area(real_data, tmp_path):
         np.testing.assert_allclose(np.ptp(placed[:, 2]), np.ptp(points[:, 2]) * 0.3048, rtol=1e-4)
         x, y = np.median(placed[:, :2], axis=0)
         area = Area(x - 5000.0, y - 200.0, x + 1.0, y + 200.0)
-        options = MapOptions(to_crs="EPSG:32610", area=area, cell=1.0, drop=())
+        options = MapOptions(to_crs="EPSG:32610", area=area, cell=1.0, drop=(), allow_inexact_crs=True)
         manifest = build_map([path], tmp_path / f"{path.name}.map", options)
         counts = manifest.build["sources"][0]
         assert manifest.n_points == counts["n_kept"] == area.contains(placed).sum()

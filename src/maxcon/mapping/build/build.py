@@ -30,7 +30,7 @@ from maxcon.mapping.build.ground import GROUND_POINT, ground_among, ground_recor
 from maxcon.mapping.build.map_sigma import PlaceSample, aligned_sigma, map_sigma
 from maxcon.mapping.build.options import FOUND, MapOptions, class_name
 from maxcon.mapping.build.sources import SidedPoints, Source, check_sides, open_headers, read_source, sources_in_crs
-from maxcon.mapping.build.spacing import point_spacing
+from maxcon.mapping.build.spacing import LARGEST_CELL, point_spacing
 from maxcon.mapping.build.tile_points import POINT, TileBuckets, point_records
 from maxcon.mapping.build.tiles import TileJob, TileStep, TileSteps, by_engine, by_threads
 
@@ -43,15 +43,10 @@ MOST_SPARSE_TILES, LEAST_POINTS_OF_TILE = 20_000, 200
 
 
 def build_map(
-    sources: Sequence[str | os.PathLike[str] | CloudReader],
-    out: str | os.PathLike[str],
-    options: MapOptions | None = None,
-    *,
-    overwrite: bool = False,
-    n_threads: int | None = None,
-    engine: Engine | None = None,
-    progress: Progress | None = None,
-) -> Manifest:
+    sources: Sequence[str | os.PathLike[str] | CloudReader], out: str | os.PathLike[str],
+    options: MapOptions | None = None, *, overwrite: bool = False, n_threads: int | None = None,
+    engine: Engine | None = None, progress: Progress | None = None,
+) -> Manifest:  # fmt: skip
     """Build a map on disk; memory is bounded by the tiles, not by the sources.
 
     - sources: point clouds of any kind that `open_cloud` reads, or readers of others.
@@ -90,6 +85,8 @@ def build_map(
             options = replace(options, cell=spacing.cell)
             _, read = sources_in_crs(headers, options)
             buckets = sort(read, options)
+        for source in read:
+            source.check_operation(options, options.edge)
         sigma, how_known = map_sigma(options.sigma, buckets.sample, aligned)
         finds_classes, drop = buckets.may_find_classes(read), options.dropped_found_classes() & FOUND
         ground = "found by a morphological filter" if finds_classes else "of level surfaces"
@@ -185,6 +182,8 @@ def _sorted_into_tiles(
     """Read all sources into buckets in a folder."""
     buckets = _Buckets(folder, _origin(sources, options), options)
     n_total = sum(source.header.n_points for source in sources)
+    for source in sources:  # by the first points, before all are read
+        source.check_operation(options, options.cell or LARGEST_CELL)
     for source in sources:
         for part in read_source(source, options, use_normals=use_normals):
             try:

@@ -17,23 +17,11 @@ from maxcon.scan.trajectory import Trajectory
 # By ASPRS LAS 1.4 R15, table 17. There is no class for vehicles: 22 is for what changes between surveys, 64 and above
 # are the user's own.
 CLASS_NAMES: dict[str, tuple[int, ...]] = {
-    "unclassified": (0, 1),
-    "ground": (2, 11, 20),
-    "low-vegetation": (3,),
-    "medium-vegetation": (4,),
-    "high-vegetation": (5,),
-    "building": (6,),
-    "noise": (7, 18),
-    "water": (9,),
-    "rail": (10,),
-    "wire": (13, 14, 16),
-    "tower": (15,),
-    "bridge": (17,),
-    "overhead": (19,),
-    "snow": (21,),
-    "temporal-exclusion": (22,),
+    "unclassified": (0, 1), "ground": (2, 11, 20), "low-vegetation": (3,), "medium-vegetation": (4,),
+    "high-vegetation": (5,), "building": (6,), "noise": (7, 18), "water": (9,), "rail": (10,), "wire": (13, 14, 16),
+    "tower": (15,), "bridge": (17,), "overhead": (19,), "snow": (21,), "temporal-exclusion": (22,),
     "vegetation": (3, 4, 5),
-}
+}  # fmt: skip
 DEFAULT_DROP = ("ground", "vegetation", "noise", "temporal-exclusion")
 # Of classes that a build finds itself: hedges stay, as they help to localize on real roads.
 FOUND_DROP = ("ground", "temporal-exclusion")
@@ -138,6 +126,7 @@ class MapOptions:
       between passes of the mapping vehicle, and `UNKNOWN_SIGMA` where there is only one.
     - to_crs: CRS of the map, into which all points are transformed; that of the sources if None. The trajectory is
       in it.
+    - allow_inexact_crs: whether PROJ may transform them less exactly than to a voxel edge.
     - area: only points in it are taken.
     - classes_are_asprs: whether class numbers of clouds that are not LAS are those of the ASPRS, too.
     - classify: whether ground, vegetation and temporary objects are found from the points themselves: "auto" where no
@@ -154,6 +143,7 @@ class MapOptions:
     keep_every: int = 1
     sigma: float | None = None
     to_crs: str | None = None
+    allow_inexact_crs: bool = False
     area: Area | None = None
     classes_are_asprs: bool = False
     classify: Classify = "off"

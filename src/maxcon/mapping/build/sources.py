@@ -60,6 +60,12 @@ class Source:
         found = sides if self.transform is None else self.transform.bounds_in_source(sides)
         return None if found is None else Bounds(*found)
 
+    def check_operation(self, options: MapOptions, cell: float) -> None:
+        """Refuse points that were transformed less exactly than voxels of this edge, m: CrsError."""
+        operation = None if self.transform is None else self.transform.operation
+        if operation is not None and not options.allow_inexact_crs:
+            operation.check(cell, str(self.header.path))
+
     def first_point(self) -> NDArray[np.float64]:
         """First point that is finite in the map, shape (3,), global, m; infinity if none is near the start."""
         with self.open() as reader:
@@ -69,19 +75,16 @@ class Source:
 
     def describe(self) -> dict[str, object]:
         """Return its entry in the manifest (docs/map_format.md)."""
+        operation = None if self.transform is None else self.transform.operation
         return {
-            "name": self.header.path.name,
-            "n_points": self.n_points,
-            "n_kept": self.n_kept,
-            "n_thinned": self.left_out["thinned"],
-            "n_outside": self.left_out["outside"],
+            "name": self.header.path.name, "n_points": self.n_points, "n_kept": self.n_kept,
+            "n_thinned": self.left_out["thinned"], "n_outside": self.left_out["outside"],
             "transform": "" if self.transform is None else self.transform.words,
-            "n_invalid": self.left_out["invalid"],
-            "n_withheld": self.left_out["withheld"],
-            "n_without_side": self.n_without_side,
+            "operation": operation and operation.describe(), "n_invalid": self.left_out["invalid"],
+            "n_withheld": self.left_out["withheld"], "n_without_side": self.n_without_side,
             "n_dropped": {str(number): n for number, n in sorted(self.n_dropped.items())},
             "is_classified": self.is_classified,
-        }
+        }  # fmt: skip
 
 
 class SidedPoints(NamedTuple):
