@@ -14,13 +14,9 @@ settings.register_profile("maxcon", deadline=None, max_examples=30)
 settings.register_profile("full", deadline=None, max_examples=100)
 # For a mutation test: the same examples for every mutant, and no time for making a failing one simple.
 settings.register_profile(
-    "mutation",
-    deadline=None,
-    derandomize=True,
-    database=None,
-    phases=(Phase.explicit, Phase.generate),
+    "mutation", deadline=None, derandomize=True, database=None, phases=(Phase.explicit, Phase.generate),
     report_multiple_bugs=False,
-)
+)  # fmt: skip
 settings.load_profile("full" if os.environ.get("CI") else "maxcon")
 
 

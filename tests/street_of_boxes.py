@@ -34,6 +34,11 @@ def surface(box, step=0.03):
     return np.concatenate(points), np.concatenate(normals)
 
 
+def inside(points, box, margin=0.1):
+    low, high = np.array(box)
+    return ((points >= low - margin) & (points <= high + margin)).all(axis=1)
+
+
 def map_of(*boxes):
     """Map of boxes that stand on the road; the road itself is known as ground only."""
     points, normals = (np.concatenate(parts) for parts in zip(*map(surface, boxes), strict=True))

@@ -15,12 +15,9 @@ from maxcon.errors import FileError
 FILES = {
     "search/kernels.py": "from maxcon.limits import (\n    EDGE,\n)\nfrom maxcon.map import WORDS\n",
     "limits.py": "from maxcon.deeper import STEP\nfrom maxcon.pose import Pose\nEDGE = 2 * STEP\n",
-    "deeper.py": "STEP = 1\n",
-    "map/__init__.py": "from maxcon.map.layout import WORDS\n",
-    "map/layout.py": "WORDS = 8\n",
-    "pose.py": "",
-    "cli.py": "",
-}
+    "deeper.py": "STEP = 1\n", "map/__init__.py": "from maxcon.map.layout import WORDS\n",
+    "map/layout.py": "WORDS = 8\n", "pose.py": "", "cli.py": "",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("changed", FILES)

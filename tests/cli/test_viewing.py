@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from maxcon import Helmert, MaximumConsensus, Pose
+from maxcon.drive.localize import scan_of
 from maxcon.errors import FileError
 from maxcon.export import read_rows
 from maxcon.export.pose_rows import covariance_of
@@ -17,7 +19,7 @@ from maxcon.map import PointMap
 pytest.importorskip("rerun")
 from read_recordings import logged, shown_views
 
-ELLIPSE_NAME = "/ellipse_of_95_percent_100_times_as_large"
+ELLIPSE_NAME, SCORES = "/ellipse_of_95_percent_100_times_as_large", "/scores_of_cells"
 
 
 def origin_of(found):
@@ -97,6 +99,42 @@ def test_a_drive_is_recorded_while_it_is_localized(localize, drive, tmp_path, pr
     assert len(found["/share", "scalars"]) >= 3
 
 
+def test_scores_of_cells_are_shown_if_asked(maxcon, localize, poses, drive, tmp_path):
+    """At their places, those of a search of all cells; the highest lies at the answer. A table is searched likewise."""
+    save = {name: tmp_path / f"{name}.rrd" for name in ("drive", "table", "none")}
+    assert localize("--save", save["drive"], "--scores").code == 0
+    inputs = ("--map", drive.city, "--scans", drive.dataset.scans, "-o")
+    assert maxcon("export", poses, *inputs, save["table"], "--scores").code == 0
+    assert maxcon("export", poses, *inputs, save["none"]).code == 0
+    assert not any("scores" in entity for entity, _ in logged(save["none"]))
+    point_map, scans = PointMap.open(drive.city), open_scans(drive.dataset.scans)
+    for name in ("drive", "table"):
+        found = logged(save[name])
+        origin, scores = origin_of(found), by_epoch(found, SCORES, "score")
+        places, answers = (by_epoch(found, entity, "positions") for entity in (SCORES, "/answers"))
+        colors, priors = by_epoch(found, SCORES, "colors"), by_epoch(found, "/prior", "translation")
+        assert set(places) == {0, 1, 2, 3}
+        for number, place in places.items():
+            best = np.argmax(scores[number])
+            assert np.abs(place[best] - answers[number][0])[:2].max() < 0.5
+            assert colors[number][best] == 0xF0F921FF and np.unique(place[:, 0]).size == 50
+        raw = scan_of(scans.read(2, 1.0, 120.0))
+        turn = Rotation.from_quat(by_epoch(found, "/prior", "quaternion")[2][0]).as_euler("xyz")
+        at = Pose(*(priors[2][0] + origin), *turn)
+        searched = MaximumConsensus().accumulate(raw, point_map, point_map.frame.pose_to_local(at)).score(Helmert())
+        np.testing.assert_allclose(scores[2], searched.max(axis=0).ravel(), rtol=0.05, atol=0.02 * searched.max())
+
+
+def test_a_map_is_shown(maxcon, drive, tmp_path):
+    ended = maxcon("map", "info", drive.city, "--save", tmp_path / "map.rrd")
+    assert (ended.code, ended.err, ended.out.startswith("voxels ")) == (0, "", True)
+    found, point_map = logged(tmp_path / "map.rrd"), PointMap.open(drive.city)
+    tiles = {entity: rows[0][2] for (entity, component), rows in found.items() if component == "positions"}
+    assert set(tiles) == {f"/map/tile_{x}_{y}" for x, y in point_map.tile_keys}
+    assert_are_of_map(np.concatenate(list(tiles.values())) + origin_of(found), drive.city)
+    assert set(shown_views(tmp_path / "map.rrd")) == {"3D", "TextDocument"}
+
+
 def test_scans_found_anywhere_are_recorded(maxcon, drive, tmp_path):
     out = ("-o", tmp_path / "poses.csv", "--save", tmp_path / "found.rrd")
     ended = maxcon("relocalize", drive.city, drive.dataset.scans, *out)
@@ -173,6 +211,9 @@ def test_what_cannot_be_shown_is_said_before_the_work(maxcon, refused, localize,
     refused(localize("--view"), "a display for --view", "--save drive.rrd")
     refused(localize("--save", tmp_path / "drive.html"), "a recording .rrd", "drive.html")
     refused(localize("--save", drive, "--view"), "both")
+    refused(localize("--scores"), "--scores together with --view or --save")
+    refused(maxcon("map", "info", drive, "--save", tmp_path / "map.html"), "a recording .rrd", "map.html")
+    refused(maxcon("export", drive, "-o", drive, "--scores"), "--scores together with --map")
     refused(localize("--save", drive, "--resume"), "both")
     refused(maxcon("localize", "--drives", drive, "-o", drive, "--save", drive), "--view or --save")
     assert list(tmp_path.iterdir()) == []

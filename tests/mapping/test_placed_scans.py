@@ -23,7 +23,7 @@ from maxcon.map.manifest import read_manifest
 from maxcon.mapping.update.evidence import classes_of
 from maxcon.scan.mounting import sensor_trajectory
 from recorded_drives import record_drive, transforms, write_entries
-from street_of_boxes import WALL, DriveOfBoxes
+from street_of_boxes import WALL, DriveOfBoxes, inside
 
 PARKED = ((8.0, -3.8, 0.2), (12.0, -2.2, 1.5))
 PASSING = (2.5, 4.3)  # y of both sides of a car that passes between the scanner and the wall
@@ -58,11 +58,6 @@ def drive(tmp_path_factory):
 def built(drive):
     run("map", "build", "--scans", drive / "scans", "--poses", drive / "poses.tum", "-o", drive / "street.map")
     return PointMap.open(drive / "street.map", left_out=None)
-
-
-def inside(points, box, margin=0.1):
-    low, high = np.array(box)
-    return ((points >= low - margin) & (points <= high + margin)).all(axis=1)
 
 
 def test_what_stands_stays_where_it_is_and_what_passed_is_gone(drive, built):

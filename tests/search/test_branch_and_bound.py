@@ -112,14 +112,11 @@ def test_it_finds_what_the_exhaustive_search_finds_whatever_the_limits_of_time_a
 
 
 @given(
-    seed=SEEDS,
-    azimuth=st.floats(-np.pi, np.pi),
-    options=OPTIONS,
-    is_signed=st.booleans(),
+    seed=SEEDS, azimuth=st.floats(-np.pi, np.pi), options=OPTIONS, is_signed=st.booleans(),
     n_steps=st.sampled_from([0, 1, 2, 7, 16]),
     summand=st.just(Summand()) | st.builds(Summand, st.integers(0, N_AXES - 1), st.sampled_from([0.0, 0.01, 0.2])),
     n_threads=st.sampled_from([1, 2]),
-)
+)  # fmt: skip
 def test_no_cell_has_more_than_its_bound(seed, azimuth, options, is_signed, n_steps, summand, n_threads):
     space = SearchSpace(n_steps * CELL, CELL, 1.0, 0.5)
     scan, point_map, prior = street(seed, space, is_signed=is_signed, azimuth=azimuth)

@@ -112,13 +112,10 @@ def test_it_equals_the_votes_of_large_windows(
 
 
 @given(
-    seed=SEEDS,
-    n_steps=st.sampled_from([0, 1, 12, 35]),
-    turns=st.sampled_from([(0.0, 0.5), (2.0, 1.0), (60.0, 20.0), (180.0, 9.0)]),
-    options=OPTIONS,
-    is_signed=st.booleans(),
-    n_threads=st.integers(1, 5),
-)
+    seed=SEEDS, n_steps=st.sampled_from([0, 1, 12, 35]),
+    turns=st.sampled_from([(0.0, 0.5), (2.0, 1.0), (60.0, 20.0), (180.0, 9.0)]), options=OPTIONS,
+    is_signed=st.booleans(), n_threads=st.integers(1, 5),
+)  # fmt: skip
 def test_crowded_voxels_and_scans(seed, n_steps, turns, options, is_signed, n_threads):
     """Hundreds of voxels about each scan point, many points in a voxel, points and voxels without a normal."""
     cell = 0.0625

@@ -28,6 +28,7 @@ from maxcon.drive.many import ManyDrivesJob, localize_drives, read_drives
 from maxcon.drive.poses_table import GrowingTable, RowsThere, localized_trajectory, rows_there
 from maxcon.errors import FileError, MaxconError, OptionError
 from maxcon.export import read_rows
+from maxcon.export.scene import CellScores
 from maxcon.io.crs import crs_name
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.lab.report import check_jinja2
@@ -104,8 +105,7 @@ def drawer(drive: OpenedDrive, folder: Path, wanted: frozenset[int]) -> Callable
     def draw(epoch: EpochEstimate) -> None:
         if epoch.epoch not in wanted or epoch.estimate is None or epoch.prior is None:
             return
-        searching = drive.searching
-        method = searching if isinstance(searching, MaximumConsensus) else searching.at(epoch.raw.time)
+        method = _method_of(drive, epoch)
         make_folder(folder)
         plot_epoch(
             folder / f"{epoch.epoch:06d}.png", accumulator=method.accumulate(epoch.scan, drive.point_map, epoch.prior),
@@ -114,6 +114,18 @@ def drawer(drive: OpenedDrive, folder: Path, wanted: frozenset[int]) -> Callable
         )  # fmt: skip
 
     return draw
+
+
+def scores_of(drive: OpenedDrive, epoch: EpochEstimate) -> CellScores | None:
+    """Return the scores of the cells around the prior of an epoch, searched anew; None where none were searched."""
+    if epoch.estimate is None or epoch.prior is None:
+        return None
+    return CellScores.searched(_method_of(drive, epoch), epoch.scan, drive.point_map, epoch.prior)
+
+
+def _method_of(drive: OpenedDrive, epoch: EpochEstimate) -> MaximumConsensus:
+    searching = drive.searching
+    return searching if isinstance(searching, MaximumConsensus) else searching.at(epoch.raw.time)
 
 
 @dataclass

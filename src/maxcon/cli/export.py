@@ -37,6 +37,7 @@ class ExportOptions(OptionGroup):
         "The scans of the drive, placed in the map: all their points as LAZ, thinned in .mcap and .rrd.",
         metavar="SCANS",
     )
+    scores: bool = flag(False, "With --map and --scans, in .rrd: show the scores of the cells around each prior.")
     topic: Topic = None
     times: Path | None = flag(None, "Time of each scan, as for `maxcon localize`.", metavar="FILE")
     at_stamp: AtStamp = False
@@ -48,15 +49,17 @@ def export(what: ExportOptions, ranges: RangeOptions) -> None:
     """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
     from maxcon.drive.poses_table import table_of_drive
     from maxcon.export import SCAN_SUFFIXES, SCENE_SUFFIXES, check_suffix, export_poses, export_scans, read_rows
+    from maxcon.export.scene import RERUN_SUFFIX
     from maxcon.io.crs import GeographicFrame
     from maxcon.io.scans import open_scans
 
-    out, crs = what.out, what.crs
-    check_suffix(out.suffix.lower())
+    out, crs, suffix = what.out, what.crs, what.out.suffix.lower()
+    check_suffix(suffix)
     check_exclusive({"--map": what.map_folder}, {"--crs": crs})
+    for name, value in (("--map", what.map_folder), ("--scans", what.scans), (RERUN_SUFFIX, suffix == RERUN_SUFFIX)):
+        check_needs({"--scores": what.scores}, {name: value})
     check_needs({"--drive": what.drive}, {"a folder of many drives": what.table.is_dir()})
     table = table_of_drive(what.table, what.drive) if what.table.is_dir() else what.table
-    suffix = out.suffix.lower()
     if what.scans is None and suffix in SCAN_SUFFIXES:
         raise OptionError(f"Expected --scans for {out}, got none. Name the scans of the drive.")
     if what.scans is not None and suffix not in (*SCAN_SUFFIXES, *SCENE_SUFFIXES):
@@ -72,7 +75,7 @@ def export(what: ExportOptions, ranges: RangeOptions) -> None:
         rows, n_points = export_scans(table, out, scans, crs, **vars(ranges))
         points = f", {n_points:,} points"
     else:
-        rows = export_poses(table, out, crs, point_map=point_map, scans=scans, **vars(ranges))
+        rows = export_poses(table, out, crs, point_map=point_map, scans=scans, has_scores=what.scores, **vars(ranges))
     n_localized = sum(row.pose is not None for row in rows)
     typer.echo(f"{n_localized} of {len(rows)} epochs have a pose{points}; written to {out}")
     if crs is not None and suffix in (".geojson", ".kml", ".mcap"):

@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import typer
@@ -25,7 +26,7 @@ from maxcon.cli.options import (
     WorkerOptions,
 )
 from maxcon.cli.terminal import warn
-from maxcon.cli.viewing import ViewOptions
+from maxcon.cli.viewing import ScoresOptions, ViewOptions
 from maxcon.errors import OptionError
 
 # --- localize --------------------------------------------------------------------------------------------------
@@ -96,7 +97,7 @@ class EpochWorkers(WorkerOptions, title="How it is done"):
 def localize(
     *, files: DriveFiles, method: MethodOptions, space: SpaceOptions, certainty: Certainty, motion: MotionOptions,
     recording: RecordingOptions, ranges: RangeOptions, time: TimeOptions, table: TableOptions, pictures: PictureOptions,
-    view: ViewOptions, worker: EpochWorkers, quiet: Quiet = False,
+    view: ScoresOptions, worker: EpochWorkers, quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Localize every scan of a drive in a map; the row of each is in POSES.csv once it is done.
 
@@ -152,7 +153,8 @@ def localize(
     draw = None if plot is None else drive_output.drawer(drive, plot, wanted)
     needed = frozenset(range(len(drive.scans))) if view.is_wanted else wanted
     started = by_workers(drive, engine, there.n_rows, needed) if has_workers else drive.estimates(there.n_rows)
-    with view.shown(started, drive.point_map, drive.prior.trajectory.positions[0]) as shown:
+    scored = [partial(drive_output.scores_of, drive)] if view.scores else []
+    with view.shown(started, drive.point_map, drive.prior.trajectory.positions[0], *scored) as shown:
         localized.write(shown, quiet, draw)
     for line in drive.words:
         typer.echo(line)

@@ -14,6 +14,7 @@ from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclus
 from maxcon.cli.georeference import georeference
 from maxcon.cli.options import AllowInexactCrs, Quiet, RangeOptions, Scheduler
 from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
+from maxcon.cli.viewing import ViewOptions
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
@@ -289,23 +290,32 @@ app.command(short_help="Give a map its coordinates: by a receiver, or control po
 # --- info, copy, export ----------------------------------------------------------------------------------------
 
 
+class MapToTell(OptionGroup):
+    """The map, and what is done beside telling of it."""
+
+    path: Path = argument(..., "Folder of a map, or its address: s3://, http://, https://.", "MAP")
+    check: bool = flag(False, "Also read every tile and verify its checksum.")
+
+
 @app.command()
-def info(
-    path: Annotated[
-        Path, typer.Argument(metavar="MAP", help="Folder of a map, or its address: s3://, http://, https://.")
-    ],
-    check: Annotated[bool, typer.Option("--check", help="Also read every tile and verify its checksum.")] = False,
-) -> None:
-    """Print what a map is made of."""
+@flags
+def info(what: MapToTell, view: ViewOptions) -> None:
+    """Print what a map is made of, and show it."""
     from maxcon.cli.map_words import print_manifest
     from maxcon.map.manifest import read_manifest
     from maxcon.map.point_map import stored_ground, stored_tiles
     from maxcon.map.storage import open_storage
 
-    files = open_storage(path)
+    view.check()
+    files = open_storage(what.path)
     manifest = read_manifest(files)
     print_manifest(manifest)
-    if check:
+    if view.is_wanted:
+        from maxcon.export.scene import with_rerun
+        from maxcon.map import PointMap
+
+        with_rerun().show_map(PointMap.open(what.path), view.save)
+    if what.check:
         tiles = stored_tiles(files, manifest, cache_bytes=0)
         for each in (tiles, stored_ground(files, manifest)):
             for key in sorted(each.keys):

@@ -6,14 +6,14 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from maxcon.cli.flags import OptionGroup, check_exclusive, flag
+from maxcon.cli.flags import OptionGroup, check_exclusive, check_needs, flag
 from maxcon.errors import OptionError
 
 
 class ViewOptions(OptionGroup, title="Output"):
     """Whether a drive is shown, or recorded; both need the extra view."""
 
-    view: bool = flag(False, "Show map, scans and answers in the viewer Rerun as they come (extra view).")
+    view: bool = flag(False, "Show the map, and of a drive scans and answers as they come, in Rerun (extra view).")
     save: Path | None = flag(
         None, "Write what --view shows as a recording; `rerun FILE` opens it (extra view).", metavar="FILE.rrd"
     )
@@ -23,7 +23,7 @@ class ViewOptions(OptionGroup, title="Output"):
         """Whether epochs are shown."""
         return self.view or self.save is not None
 
-    def check(self, *, resume: bool) -> None:
+    def check(self, *, resume: bool = False) -> None:
         """Refuse, before the work, what cannot be shown or written."""
         if not self.is_wanted:
             return
@@ -39,8 +39,20 @@ class ViewOptions(OptionGroup, title="Output"):
         else:
             check_writable(self.save)
 
-    def shown(self, epochs: Any, point_map: Any, near: Any) -> AbstractContextManager[Any]:
+    def shown(self, epochs: Any, point_map: Any, near: Any, *scored: Any) -> AbstractContextManager[Any]:
         """Return what yields the same epochs, shown if that is wanted; parameters as of `rerun_recording.shown`."""
         from maxcon.export.scene import with_rerun
 
-        return with_rerun().shown(epochs, point_map, near, self.save) if self.is_wanted else nullcontext(epochs)
+        is_wanted = self.is_wanted
+        return with_rerun().shown(epochs, point_map, near, self.save, *scored) if is_wanted else nullcontext(epochs)
+
+
+class ScoresOptions(ViewOptions, title="Output"):
+    """Whether scores of cells are shown, too."""
+
+    scores: bool = flag(
+        False, "With --view or --save: show the scores of the cells, too, searched anew, some 0.1 s a scan."
+    )
+
+    def __post_init__(self) -> None:
+        check_needs({"--scores": self.scores}, {"--view": self.view, "--save": self.save})

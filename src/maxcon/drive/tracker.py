@@ -248,15 +248,9 @@ class Tracker:
         space = self.method.space
         cell = None if prior is None or space.is_open else space.at(point_map.cell).nearest_cell(place.pose, prior)
         return replace(
-            estimate,
-            pose=place.pose,
-            cell=cell,
-            status=status,
-            runner_up=rival,
-            reason="; ".join(filter(None, [reason, estimate.reason])),
-            covariance=covariance,
-            protection_level=level,
-        )
+            estimate, pose=place.pose, cell=cell, status=status, runner_up=rival,
+            reason="; ".join(filter(None, [reason, estimate.reason])), covariance=covariance, protection_level=level,
+        )  # fmt: skip
 
     def _judged(self, best: Hypothesis, place: UncertainPose, rival: float) -> tuple[Status, str]:
         """Status of the best hypothesis, and the reason beside it."""

@@ -47,7 +47,8 @@ def files_of_export(out: str | os.PathLike[str]) -> tuple[Path, ...]:
 
 def export_poses(
     table: str | os.PathLike[str], out: str | os.PathLike[str], crs: str | None = None, *,
-    point_map: PointMap | None = None, scans: Scans | None = None, min_range: float = 1.0, max_range: float = 120.0,
+    point_map: PointMap | None = None, scans: Scans | None = None, has_scores: bool = False,
+    min_range: float = 1.0, max_range: float = 120.0,
 ) -> list[PoseRow]:  # fmt: skip
     """Write the poses of POSES.csv, or of a drive's Parquet file, for another program.
 
@@ -63,6 +64,8 @@ def export_poses(
         Code or WKT of the coordinates, which the table does not say: that of the map.
     point_map, scans, min_range, max_range : optional
         Map and scans of the table, which `.mcap` and `.rrd` show, thinned, without points nearer or farther, m.
+    has_scores : bool
+        Whether `.rrd` shows scores of cells, too, of a search anew around each prior, as by default.
 
     Returns
     -------
@@ -84,7 +87,7 @@ def export_poses(
         return rows
     first = next(row.pose for row in rows if row.pose is not None)
     scene = Scene.near(first.position, crs, point_map)
-    epochs = epochs_of_rows(rows, scans, min_range, max_range)
+    epochs = epochs_of_rows(rows, scans, min_range, max_range, scored_in=point_map if has_scores else None)
     if suffix == RERUN_SUFFIX:
         with_rerun().write_rerun(path, scene, epochs)
     else:

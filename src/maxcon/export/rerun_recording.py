@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A drive in the viewer Rerun, while it is localized, or as a recording (.rrd) for it. Imported by `with_rerun`."""
+"""A drive in the viewer Rerun, while it is localized, or as a recording (.rrd) for it; a map. See `with_rerun`."""
 
 import os
 import shutil
@@ -21,7 +21,7 @@ from maxcon.drive.poses_table import PROTECTION_LEVELS
 from maxcon.errors import MissingExtraError, OptionError
 from maxcon.estimate import Status
 from maxcon.export.pose_rows import covariance_of
-from maxcon.export.scene import ELLIPSE, SCAN_POINTS, TILE_POINTS, Scene, SceneEpoch
+from maxcon.export.scene import ELLIPSE, SCAN_POINTS, TILE_POINTS, CellScores, Scene, SceneEpoch
 from maxcon.geometry import Pose
 from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.io.crs import crs_name
@@ -31,6 +31,9 @@ from maxcon.map.layout import TileKey
 EPOCH, STAMP = "epoch", "stamp"  # time lines: numbers of the scans, and their times
 UNIX = 1e8  # times above are seconds since 1970, shown as dates; smaller ones count from somewhere else, s
 PRIOR_COLOR, ANSWER_COLOR, NO_ANSWER_COLOR = (230, 120, 30), (70, 150, 255), (204, 121, 167)  # on black
+SCORE_COLORS = [(13, 8, 135), (126, 3, 168), (204, 71, 120), (248, 149, 64), (240, 249, 33)]
+"""Colours from the score 0 to the highest of an epoch, on a scale of its root: those of `--plot`, in even steps."""
+SCORES_NAME = "scores_of_cells"
 ENLARGED = 100
 ELLIPSE_NAME = f"ellipse_of_95_percent_{ENLARGED}_times_as_large"
 HIGH = 12.0  # map points so far above the lowest of their tile are the lightest, m
@@ -52,16 +55,17 @@ def find_viewer() -> str:
 
 @contextmanager
 def shown(
-    epochs: Iterable[EpochEstimate], point_map: PointMap, near: NDArray[np.float64], save: Path | None
-) -> Iterator[Iterator[EpochEstimate]]:
+    epochs: Iterable[EpochEstimate], point_map: PointMap, near: NDArray[np.float64], save: Path | None,
+    scored: Callable[[EpochEstimate], CellScores | None] = lambda epoch: None,
+) -> Iterator[Iterator[EpochEstimate]]:  # fmt: skip
     """Yield the same epochs, each shown when it is asked for: in a recording, or a viewer if `save` is None.
 
-    near: a place near the drive, global coordinates, m.
+    near: a place near the drive, global coordinates, m. scored: gives the cells of an epoch, if they are shown.
     """
-    with _opened(Scene.near(near, point_map.frame.crs, point_map), save) as show:
+    with _opened(Scene.near(near, point_map.frame.crs, point_map), save, _blueprint(True)) as shown:
 
         def shown_once(epoch: EpochEstimate) -> EpochEstimate:
-            show(SceneEpoch.of_estimate(epoch, point_map.frame))
+            shown.show(SceneEpoch.of_estimate(epoch, point_map.frame, scored(epoch)))
             return epoch
 
         yield map(shown_once, epochs)
@@ -69,14 +73,26 @@ def shown(
 
 def write_rerun(path: Path, scene: Scene, epochs: Iterable[SceneEpoch]) -> None:
     """Write a recording of the drive of a table of poses."""
-    with _opened(scene, path, has_shares=False) as show:
+    with _opened(scene, path, _blueprint(has_shares=False)) as shown:
         for epoch in epochs:
-            show(epoch)
+            shown.show(epoch)
+
+
+def show_map(point_map: PointMap, save: Path | None) -> None:
+    """Show all tiles of a map, in a recording, or a viewer if `save` is None."""
+    keys = sorted(point_map.tile_keys)
+    middle = np.append((np.mean(keys, axis=0) + 0.5) * point_map.tile_voxels * point_map.cell, 0.0)
+    scene = Scene.near(point_map.frame.to_global(middle[None])[0], point_map.frame.crs, point_map)
+    view = rrb.Spatial3DView(name="Map: dark below, light above", line_grid=False)
+    about = rrb.TextDocumentView(name="About", origin="about")
+    blueprint = rrb.Blueprint(rrb.Horizontal(view, about, column_shares=[5, 1]), collapse_panels=True)
+    with _opened(scene, save, blueprint) as shown:
+        shown.show_tiles(keys, len(keys))
 
 
 @contextmanager
-def _opened(scene: Scene, save: Path | None, *, has_shares: bool = True) -> Iterator[Callable[[SceneEpoch], None]]:
-    """Yield what shows an epoch, in a viewer that is started now, or in a recording that is there once all went well.
+def _opened(scene: Scene, save: Path | None, blueprint: rrb.Blueprint) -> Iterator["_Shown"]:
+    """Yield what shows epochs, in a viewer that is started now, or in a recording that is there once all went well.
 
     A recording is in memory until then, some 0.1 MB for each epoch, as the viewer will have it.
     """
@@ -90,9 +106,9 @@ def _opened(scene: Scene, save: Path | None, *, has_shares: bool = True) -> Iter
             words = " ".join(str(error).split())
             raise OptionError(f"Expected the viewer to start, got: {words}. Write a recording (--save).") from error
         stream.connect_grpc()
-    stream.send_blueprint(_blueprint(has_shares))
+    stream.send_blueprint(blueprint)
     try:
-        yield _Shown(stream, scene).show
+        yield _Shown(stream, scene)
     finally:
         content = b"" if memory is None else memory.drain_as_bytes()  # what is left there is warned of
     if save is not None:
@@ -132,12 +148,13 @@ class _Shown:
     """Epochs on a stream of Rerun, and which tiles of the map are there."""
 
     def __init__(self, stream: rr.RecordingStream, scene: Scene) -> None:
-        self.stream, self.scene, self.shown = stream, scene, set[TileKey]()
+        self.stream, self.scene, self.shown, self.has_cells = stream, scene, set[TileKey](), False
         east, north, up = scene.origin
         words = (
             f"Coordinates: m from {east:.0f} m east, {north:.0f} m north, {up:.0f} m up ({crs_name(scene.crs)}).\n\n"
             f"Map: at most {TILE_POINTS:,} points of each tile near the drive. Scans: at most {SCAN_POINTS:,} points."
-            f"\n\nEllipse: of 95 %, {ENLARGED} times as large as it is."
+            f"\n\nEllipse: of 95 %, {ENLARGED} times as large as it is.\n\nScores of cells, if asked for (--scores): of"
+            " the best heading at each place of the sensor, on a root scale, blue to yellow; searched exhaustively."
         )
         stream.log("about", rr.TextDocument(words), static=True)
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -150,7 +167,9 @@ class _Shown:
         stream.set_time(EPOCH, sequence=epoch.number)
         stream.set_time(STAMP, **{"timestamp" if row.time > UNIX else "duration": row.time})
         prior, answer = (None if pose is None else self.scene.local(pose) for pose in (epoch.prior, row.pose))
-        self._show_map(row.pose or epoch.prior)
+        around = row.pose or epoch.prior
+        self.show_tiles(self.scene.tiles_around([] if around is None else [around]))
+        self._show_cells(epoch.cells)
         self._show_scan("prior", prior, epoch, PRIOR_COLOR)
         self._show_scan("answer", answer, epoch, ANSWER_COLOR)
         self._show_ellipse(answer, covariance_of(row)[:2, :2])
@@ -163,15 +182,27 @@ class _Shown:
             if name in row.numbers:
                 stream.log(name.replace("_", "/"), rr.Scalars(row.numbers[name]))
 
-    def _show_map(self, pose: Pose | None) -> None:
-        """Log the tiles around a pose, global coordinates, that are not there yet: dark below, light above."""
-        for key in self.scene.tiles_around([] if pose is None else [pose]):
-            if key not in self.shown and len(points := self.scene.map_points([key])):
+    def show_tiles(self, keys: Iterable[TileKey], n_tiles: int = 1) -> None:
+        """Log tiles, of so many in all, that are not there yet: dark below, light above."""
+        for key in keys:
+            if key not in self.shown and len(points := self.scene.map_points([key], n_tiles)):
                 heights = points[:, 2] - np.percentile(points[:, 2], 2)
                 greys = (80.0 + 100.0 * np.clip(heights / HIGH, 0.0, 1.0)).astype(np.uint8)
                 of_tile = rr.Points3D(points, colors=np.stack([greys] * 3, axis=1), radii=rr.Radius.ui_points(1.2))
                 self.stream.log(f"map/tile_{key[0]}_{key[1]}", of_tile, static=True)
             self.shown.add(key)
+
+    def _show_cells(self, cells: CellScores | None) -> None:
+        """Log the scores of cells at their places; without any, that those of the epoch before are gone."""
+        if cells is not None:
+            ratios = np.sqrt(np.clip(np.nan_to_num(cells.scores / max(cells.scores.max(), 1e-300)), 0.0, 1.0))
+            steps = np.linspace(0.0, 1.0, len(SCORE_COLORS))
+            colors = np.column_stack([np.interp(ratios, steps, channel) for channel in np.transpose(SCORE_COLORS)])
+            points = rr.Points3D(cells.places - self.scene.origin, colors=colors.astype(np.uint8), radii=cells.edge / 4)
+            self.stream.log(SCORES_NAME, points, rr.DynamicArchetype("cells", components={"score": cells.scores}))
+        elif self.has_cells:
+            self.stream.log(SCORES_NAME, rr.Clear(recursive=False))
+        self.has_cells = cells is not None
 
     def _show_scan(self, name: str, pose: Pose | None, epoch: SceneEpoch, color: tuple[int, int, int]) -> None:
         if pose is None:

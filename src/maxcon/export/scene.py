@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.drive.localize import EpochEstimate
+from maxcon.drive.localize import EpochEstimate, scan_of
 from maxcon.drive.poses_table import FORMATS, SHIFTS, UNKNOWNS, pose_values
 from maxcon.errors import needs_extra
 from maxcon.export.placed_scans import scan_of_row
 from maxcon.export.pose_rows import PoseRow
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.scans import Scans
+from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.map.layout import TileKey
+from maxcon.scan import Scan
 
 ROUND = 100.0  # the frame's origin is a multiple of this, m
 MAP_REACH, MAP_VOXEL = 40.0, 0.25
@@ -33,20 +35,43 @@ NO_POINTS: NDArray[np.float32] = np.empty((0, 3), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
+class CellScores:
+    """Scores of the cells of a search, at each place that of its best heading: what it saw from above.
+
+    places: shape (n, 3), of the sensor in the cells, global coordinates, m. scores: shape (n,). edge: of a cell, m.
+    """
+
+    places: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    edge: float
+
+    @classmethod
+    def searched(cls, method: MaximumConsensus, scan: Scan, point_map: PointMap, prior: Pose) -> "CellScores":
+        """Search anew, exhaustively: a search by bounds does not know the score of every cell; prior: local frame."""
+        found = method.accumulate(scan, point_map, prior)
+        scores = found.score(method.cell_search.objective).max(axis=0)
+        y, x = np.meshgrid(found.space.offsets, found.space.offsets, indexing="ij")
+        places = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) + found.prior.position
+        return cls(point_map.frame.to_global(places), scores.ravel(), found.space.cell_edge)
+
+
+@dataclass(frozen=True, eq=False)
 class SceneEpoch:
     """An epoch of a drive; poses in global coordinates.
 
     number: of the scan in the drive, from 0. row: its answer; among the numbers is the `share`, where it is known.
     points: of its scan, thinned, shape (n, 3), sensor frame, m. prior: None where there was none.
+    cells: None where they were not asked for, or not searched.
     """
 
     number: int
     row: PoseRow
     points: NDArray[np.float32]
     prior: Pose | None = None
+    cells: CellScores | None = None
 
     @classmethod
-    def of_estimate(cls, epoch: EpochEstimate, frame: LocalFrame) -> "SceneEpoch":
+    def of_estimate(cls, epoch: EpochEstimate, frame: LocalFrame, cells: CellScores | None = None) -> "SceneEpoch":
         """Return an epoch as it was localized in a map of this frame."""
         values = pose_values(epoch)
         time, status, reason = (values.pop(name) for name in ("time", "status", "reason"))
@@ -55,19 +80,29 @@ class SceneEpoch:
             numbers["share"] = epoch.estimate.share
         row = PoseRow(time, epoch.pose_global, status, reason, numbers)
         prior = None if epoch.prior is None else frame.pose_to_global(epoch.prior)
-        return cls(epoch.epoch, row, _thinned(epoch.scan.points, SCAN_POINTS), prior)
+        return cls(epoch.epoch, row, _thinned(epoch.scan.points, SCAN_POINTS), prior, cells)
 
 
-def epochs_of_rows(rows: Sequence[PoseRow], scans: Scans | None, *ranges: float) -> Iterator[SceneEpoch]:
+def epochs_of_rows(
+    rows: Sequence[PoseRow], scans: Scans | None, *ranges: float, scored_in: PointMap | None = None
+) -> Iterator[SceneEpoch]:
     """Return an iterator over all rows, each with its scan, within two ranges (m), if it is localized.
+
+    scored_in: a map in which the cells around each prior are searched anew, as by default.
 
     TrajectoryError, at once, if there is no scan of a localized row's time.
     """
     numbers = [None if scans is None or row.pose is None else scan_of_row(row, scans) for row in rows]
 
     def shown(number: int, scan: int | None) -> SceneEpoch:
-        points = NO_POINTS if scans is None or scan is None else scans.read(scan, *ranges).points
-        return SceneEpoch(number, rows[number], _thinned(points, SCAN_POINTS), _prior_of(rows[number]))
+        prior, points, cells = _prior_of(rows[number]), NO_POINTS, None
+        if scans is not None and scan is not None:
+            raw = scans.read(scan, *ranges)
+            points = _thinned(raw.points, SCAN_POINTS)
+            if scored_in is not None and prior is not None:
+                local = scored_in.frame.pose_to_local(prior)
+                cells = CellScores.searched(MaximumConsensus(), scan_of(raw), scored_in, local)
+        return SceneEpoch(number, rows[number], points, prior, cells)
 
     return map(shown, range(len(rows)), numbers)
 
@@ -108,11 +143,15 @@ class Scene:
         local = [self.point_map.frame.pose_to_local(pose) for pose in poses]
         return sorted({key for pose in local for key in self.point_map.keys_within(pose.x, pose.y, MAP_REACH)})
 
-    def map_points(self, keys: Sequence[TileKey]) -> NDArray[np.float32]:
-        """Return the points of some tiles and of their ground in this frame, thinned, shape (n, 3), m."""
+    def map_points(self, keys: Sequence[TileKey], n_tiles: int = 0) -> NDArray[np.float32]:
+        """Return the points of some tiles and of their ground in this frame, thinned, shape (n, 3), m.
+
+        n_tiles: that are shown in all, if more than these.
+        """
         if self.point_map is None or not keys:
             return NO_POINTS
-        level, most = self.point_map.nearest_level(MAP_VOXEL), min(TILE_POINTS, MAP_POINTS // len(keys))
+        most = max(min(TILE_POINTS, MAP_POINTS // max(n_tiles, len(keys))), 1)
+        level = self.point_map.nearest_level(MAP_VOXEL)
         edge, shift = level.tile_voxels * level.cell, self.point_map.frame.origin - self.origin
         found = []
         for key in keys:

@@ -98,21 +98,13 @@ class Dataset:
             return None if getattr(getattr(named, table), key) is None else existing(table, key)
 
         return cls(
-            path=file,
-            map_clouds=_clouds(file, named.map.clouds or ()),
-            map_path=optional("map", "path"),
-            map_trajectory=optional("map", "trajectory"),
-            crs=named.map.crs,
-            drop=named.map.drop,
-            vehicle_classes=named.map.vehicle_classes or (),
-            normals_have_sides=bool(named.map.normals_have_sides),
-            map_sigma=named.map.sigma,
-            scans=existing("scans", "folder"),
-            times=optional("scans", "times"),
-            reference=existing("scans", "reference"),
-            odometry=optional("scans", "odometry"),
+            path=file, map_clouds=_clouds(file, named.map.clouds or ()), map_path=optional("map", "path"),
+            map_trajectory=optional("map", "trajectory"), crs=named.map.crs, drop=named.map.drop,
+            vehicle_classes=named.map.vehicle_classes or (), normals_have_sides=bool(named.map.normals_have_sides),
+            map_sigma=named.map.sigma, scans=existing("scans", "folder"), times=optional("scans", "times"),
+            reference=existing("scans", "reference"), odometry=optional("scans", "odometry"),
             priors={name: existing("priors", name) for name in named.priors},
-        )
+        )  # fmt: skip
 
     def open_scans(self) -> Scans:
         """Open the scans."""
@@ -128,15 +120,10 @@ class Dataset:
                 name for name in (DEFAULT_DROP if drop is None else drop) if not parse_classes([name]) <= ground
             )
         return MapOptions(
-            cell=cell,
-            drop=drop,
-            vehicle_classes=self.vehicle_classes,
+            cell=cell, drop=drop, vehicle_classes=self.vehicle_classes,
             trajectory=read_trajectory(self.map_trajectory) if self.map_trajectory is not None else None,
-            normals_have_sides=self.normals_have_sides,
-            crs=self.crs,
-            keep_every=keep_every,
-            sigma=self.map_sigma,
-        )
+            normals_have_sides=self.normals_have_sides, crs=self.crs, keep_every=keep_every, sigma=self.map_sigma,
+        )  # fmt: skip
 
 
 def open_drives(paths: Sequence[str | os.PathLike[str]]) -> list["LocalizedDrive"]:

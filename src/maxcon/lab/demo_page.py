@@ -49,16 +49,10 @@ def report_demo(folder: Path, bench: Bench, results: DemoResults, *, seed: int, 
         progress("drawing", number, len(steps))
     path, found = folder / "report.html", [statistics(rows) for rows in results.near]
     page = {
-        "title": "maxcon demo: a simulated street",
-        "headline": _headline(found[-1]),
-        "methods": DEMO_METHODS,
-        "results": found,
-        **drawn,
-        "facts": _facts(bench),
-        "command": f"maxcon demo --epochs {n_epochs} --seed {seed}",
-        "version": __version__,
-        "seed": seed,
-    }
+        "title": "maxcon demo: a simulated street", "headline": _headline(found[-1]), "methods": DEMO_METHODS,
+        "results": found, **drawn, "facts": _facts(bench), "command": f"maxcon demo --epochs {n_epochs} --seed {seed}",
+        "version": __version__, "seed": seed,
+    }  # fmt: skip
     write_page(path, "demo.html.j2", page)
     return path
 

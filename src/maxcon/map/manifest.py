@@ -168,18 +168,11 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write the indices of the sections that have records, and the manifest: the last step of a build."""
     sections = {name: _write_index(folder, name, table) for name, table in manifest.sections.items() if len(table)}
     content = {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
-        "tile_voxels": TILE_VOXELS,
-        "ground_voxels": ground_voxels(manifest.cell),
-        "cell": manifest.cell,
-        "origin": manifest.origin,
-        "crs": manifest.crs,
-        "is_signed": manifest.is_signed,
-        "sigma": manifest.sigma,
-        "build": manifest.build,
+        "format": FORMAT, "format_version": FORMAT_VERSION, "tile_voxels": TILE_VOXELS,
+        "ground_voxels": ground_voxels(manifest.cell), "cell": manifest.cell, "origin": manifest.origin,
+        "crs": manifest.crs, "is_signed": manifest.is_signed, "sigma": manifest.sigma, "build": manifest.build,
         "sections": sections,
-    }
+    }  # fmt: skip
     content["sha256"] = checksum_of_manifest(content)
     (folder / MANIFEST).write_text(json.dumps(content, indent=1) + "\n")
 

@@ -86,16 +86,11 @@ class TileTable:
             lowest = int(tile.index.layers[0]) if len(layers) else 0
             self._rows[tile.key] = self._sizes[ROWS] + len(parts[ROWS])
             columns: tuple[NDArray[Any], ...] = (
-                np.array([[lowest, len(layers), n_layers, occupancy.held.shape[2], n_held]]),
-                layers,
-                occupancy.held.reshape(-1),
-                occupancy.numbers.reshape(-1) + np.int32(self._n_patches),
-                occupancy.words.reshape(-1),
-                occupancy.firsts.reshape(-1) + np.int32(n_voxels),
-                tile.normals,
-                tile.counts,
-                tile.means,
-            )
+                np.array([[lowest, len(layers), n_layers, occupancy.held.shape[2], n_held]]), layers,
+                occupancy.held.reshape(-1), occupancy.numbers.reshape(-1) + np.int32(self._n_patches),
+                occupancy.words.reshape(-1), occupancy.firsts.reshape(-1) + np.int32(n_voxels), tile.normals,
+                tile.counts, tile.means,
+            )  # fmt: skip
             for part, values in zip(parts, columns, strict=True):
                 part.append(values)
             n_layers, n_held, n_voxels = n_layers + len(layers), n_held + occupancy.held.size, n_voxels + len(tile)

@@ -21,25 +21,12 @@ SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 DOTS_PER_INCH = 120
 # Set over matplotlib's own defaults, so that no settings of the user's change what a figure shows.
 _STYLE: dict[Any, Any] = {
-    "axes.edgecolor": MUTED,
-    "axes.labelcolor": INK,
-    "axes.labelsize": 10.5,
-    "axes.linewidth": 0.8,
-    "axes.titlecolor": INK,
-    "axes.titlesize": 11,
-    "figure.dpi": DOTS_PER_INCH,
-    "font.family": "DejaVu Sans",
-    "legend.fontsize": 10,
-    "legend.frameon": False,
-    "savefig.dpi": DOTS_PER_INCH,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "maxcon",
-    "text.color": INK,
-    "xtick.color": MUTED,
-    "xtick.labelsize": 9.5,
-    "ytick.color": MUTED,
+    "axes.edgecolor": MUTED, "axes.labelcolor": INK, "axes.labelsize": 10.5, "axes.linewidth": 0.8,
+    "axes.titlecolor": INK, "axes.titlesize": 11, "figure.dpi": DOTS_PER_INCH, "font.family": "DejaVu Sans",
+    "legend.fontsize": 10, "legend.frameon": False, "savefig.dpi": DOTS_PER_INCH, "svg.fonttype": "path",
+    "svg.hashsalt": "maxcon", "text.color": INK, "xtick.color": MUTED, "xtick.labelsize": 9.5, "ytick.color": MUTED,
     "ytick.labelsize": 9.5,
-}
+}  # fmt: skip
 _METADATA: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 

@@ -10,15 +10,6 @@ from maxcon.search.reference import consensus_set
 from maxcon.search.scored_cells import Found
 
 __all__ = [
-    "Found",
-    "Multiplicity",
-    "SearchMethod",
-    "Weighting",
-    "accumulators",
-    "branch_and_bound",
-    "consensus_set",
-    "exhaustive",
-    "highest_of",
-    "level_of",
-    "reference",
-]
+    "Found", "Multiplicity", "SearchMethod", "Weighting", "accumulators", "branch_and_bound", "consensus_set",
+    "exhaustive", "highest_of", "level_of", "reference",
+]  # fmt: skip

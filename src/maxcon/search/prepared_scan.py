@@ -152,13 +152,9 @@ class PreparedScan:
         sizes = self.middles - self.starts[:-1]
         starts = np.append(0, np.cumsum(sizes[sizes > 0]))
         return replace(
-            self,
-            points=self.points.compress(adds, axis=1),
-            normals=self.normals.compress(adds, axis=1),
-            starts=starts,
-            middles=starts[1:],
-            layers=self.layers[sizes > 0],
-        )
+            self, points=self.points.compress(adds, axis=1), normals=self.normals.compress(adds, axis=1), starts=starts,
+            middles=starts[1:], layers=self.layers[sizes > 0],
+        )  # fmt: skip
 
     def moments_of_headings(self, headings: Headings, n_threads: int = 1) -> NDArray[np.float64]:
         """Moments of all cells at some headings, shape (h, ny, nx, 4)."""

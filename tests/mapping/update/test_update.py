@@ -16,7 +16,7 @@ from maxcon.lab.dataset import open_drives
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import read_manifest
 from maxcon.mapping.update import LocalizedDrive, UpdateOptions, update_map
-from street_of_boxes import CAR, CELL, OTHER_CAR, WALL, DriveOfBoxes, map_of
+from street_of_boxes import CAR, CELL, OTHER_CAR, WALL, DriveOfBoxes, inside, map_of
 from written_maps import write
 
 
@@ -62,11 +62,6 @@ def voxels_of(folder, which):
         classes = np.zeros(len(tile), np.uint8) if tile.classes is None else tile.classes
         parts.append(tile.mean_points(CELL)[classes == which])
     return np.concatenate(parts)
-
-
-def inside(points, box, margin=0.1):
-    low, high = np.array(box)
-    return ((points >= low - margin) & (points <= high + margin)).all(axis=1)
 
 
 def test_what_was_missed_is_gone_what_was_hit_is_new_and_the_rest_stays(street, updated):

@@ -8,14 +8,6 @@ from maxcon.lab.baselines.map_targets import MapTargets
 from maxcon.lab.baselines.started import Aligner, Choice, MultiStart, StartedMethod
 
 __all__ = [
-    "Aligner",
-    "Choice",
-    "CountThenGicp",
-    "Gicp",
-    "Icp",
-    "MapTargets",
-    "MultiStart",
-    "Residual",
-    "StartedMethod",
+    "Aligner", "Choice", "CountThenGicp", "Gicp", "Icp", "MapTargets", "MultiStart", "Residual", "StartedMethod",
     "check_small_gicp",
-]
+]  # fmt: skip

@@ -107,17 +107,10 @@ class _GicpAligner:
         T_target_source[:3, :3] = start.rotation
         T_target_source[:3, 3] = start.position - self.target.origin
         found = _small_gicp().align(
-            self.target.cloud,
-            self.source.cloud,
-            self.target.tree,
-            T_target_source,
-            registration_type="GICP",
-            max_correspondence_distance=self.method.gate,
-            num_threads=1,
-            max_iterations=self.method.max_iterations,
-            rotation_epsilon=self.method.turn_tolerance,
-            translation_epsilon=self.method.step_tolerance,
-        )
+            self.target.cloud, self.source.cloud, self.target.tree, T_target_source, registration_type="GICP",
+            max_correspondence_distance=self.method.gate, num_threads=1, max_iterations=self.method.max_iterations,
+            rotation_epsilon=self.method.turn_tolerance, translation_epsilon=self.method.step_tolerance,
+        )  # fmt: skip
         n_matched = int(found.num_inliers)
         if not n_matched:
             return no_answer(start)

@@ -21,14 +21,10 @@ if TYPE_CHECKING:
 
 BAND, TRUSTED, WITHHELD, WRONG = "#bcd9ee", SERIES[0], "#9aa1ad", "#c00000"
 STATUS_COLORS = {
-    Status.LOCALIZED.value: SERIES[0],
-    Status.AMBIGUOUS.value: SERIES[4],
-    Status.WALLS_MISSING.value: SERIES[3],
-    Status.NOT_CONFIRMED.value: SERIES[5],
-    Status.AT_RIM.value: SERIES[2],
-    Status.UNDETERMINED.value: SERIES[1],
+    Status.LOCALIZED.value: SERIES[0], Status.AMBIGUOUS.value: SERIES[4], Status.WALLS_MISSING.value: SERIES[3],
+    Status.NOT_CONFIRMED.value: SERIES[5], Status.AT_RIM.value: SERIES[2], Status.UNDETERMINED.value: SERIES[1],
     Status.NOT_CONVERGED.value: SERIES[1],
-}
+}  # fmt: skip
 """Colours of the statuses that an answer can have; others are drawn in `MUTED`."""
 # The axis ends at so many times what 98 % of the epochs stay below; errors beyond are marked at its end.
 ROOM = 1.25

@@ -51,19 +51,13 @@ class HouseStyle:
         columns = rng.permutation(n_columns)
         draw = rng.random(4)
         return cls(
-            width=width,
-            n_storeys=int(rng.integers(3, 6)),
-            storey_height=rng.uniform(3.0, 3.7),
-            n_columns=n_columns,
-            window_width=min(rng.uniform(1.0, 1.4), 0.6 * width / n_columns),
-            window_height=rng.uniform(1.4, 1.9),
-            reveal=rng.uniform(0.1, 0.25),
-            plinth=rng.uniform(0.03, 0.07) if draw[0] < 0.5 else 0.0,
-            door_column=int(columns[0]),
-            bay=rng.uniform(0.5, 0.9) if draw[1] < 0.1 else 0.0,
+            width=width, n_storeys=int(rng.integers(3, 6)), storey_height=rng.uniform(3.0, 3.7), n_columns=n_columns,
+            window_width=min(rng.uniform(1.0, 1.4), 0.6 * width / n_columns), window_height=rng.uniform(1.4, 1.9),
+            reveal=rng.uniform(0.1, 0.25), plinth=rng.uniform(0.03, 0.07) if draw[0] < 0.5 else 0.0,
+            door_column=int(columns[0]), bay=rng.uniform(0.5, 0.9) if draw[1] < 0.1 else 0.0,
             balcony_column=int(columns[1]) if draw[2] < 0.4 else None,
             archway_column=int(columns[-1]) if draw[3] < 0.08 and n_columns > 3 else None,
-        )
+        )  # fmt: skip
 
     @property
     def floors(self) -> NDArray[np.float64]:

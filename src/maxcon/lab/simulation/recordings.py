@@ -66,13 +66,9 @@ def _fixes(prior: Trajectory, frame: GeographicFrame, sigma: float) -> list[Entr
     entries = []
     for time, (latitude, longitude, height), turn in zip(prior.times.tolist(), places.tolist(), turns, strict=True):
         fix = {
-            "status": dict(status=0, service=1),
-            "latitude": latitude,
-            "longitude": longitude,
-            "altitude": height,
-            "position_covariance": covariance,
-            "position_covariance_type": 2 if sigma > 0.0 else 0,
-        }
+            "status": dict(status=0, service=1), "latitude": latitude, "longitude": longitude, "altitude": height,
+            "position_covariance": covariance, "position_covariance_type": 2 if sigma > 0.0 else 0,
+        }  # fmt: skip
         imu = {
             "orientation": dict(zip("xyzw", turn.tolist(), strict=True)),
             "orientation_covariance": np.zeros(9),

@@ -122,13 +122,9 @@ STREET_ANGLE = math.radians(31.0)
 DEMO_GRID = StreetGrid(u_lines=(-150.0, 0.0, 110.0), v_lines=(-95.0, 0.0, 100.0))
 """Streets so far apart that they look endless."""
 CAMPAIGN_GRID = StreetGrid(
-    u_lines=(-150.0, -66.0, 0.0, 81.0, 156.0),
-    v_lines=(-144.0, -81.0, 0.0, 69.0, 147.0),
-    carriageway=4.2,
-    sidewalk=1.8,
-    no_parking=7.0,
-    margin=60.0,
-)
+    u_lines=(-150.0, -66.0, 0.0, 81.0, 156.0), v_lines=(-144.0, -81.0, 0.0, 69.0, 147.0), carriageway=4.2, sidewalk=1.8,
+    no_parking=7.0, margin=60.0,
+)  # fmt: skip
 """Dense blocks and narrow streets; centre lines and building lines lie at multiples of 3 m."""
 LANE = 0.9  # distance of the circuit to the right of the centre line, m
 CAMPAIGN_CORNERS = (

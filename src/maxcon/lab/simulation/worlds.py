@@ -360,13 +360,9 @@ class SuburbWorld(World):
         times = SCAN_START + (level.times - first) * (EPOCH_STEP * (n_epochs - 1)) / (last - first)
         errors = _georeferencing(drives, cls._stream(seed, "georeferencing"))
         return cls(
-            seed=seed,
-            mapping=MappingDrives(map_caster, drives, cls._stream(seed, "map noise"), errors),
-            scan_caster=scan_caster,
-            scan_drive=replace(level, times=times),
-            n_epochs_of_drive=n_epochs,
-            road=road,
-        )
+            seed=seed, mapping=MappingDrives(map_caster, drives, cls._stream(seed, "map noise"), errors),
+            scan_caster=scan_caster, scan_drive=replace(level, times=times), n_epochs_of_drive=n_epochs, road=road,
+        )  # fmt: skip
 
     def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Returns:
         """Measure the scan of one epoch while the car moves; it does not depend on which other epochs are taken."""

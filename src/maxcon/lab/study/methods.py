@@ -24,14 +24,9 @@ STANDARD = "standard"
 
 CELL = 0.06  # voxel edge of the standard map, m
 MAP_VARIANTS: dict[str, dict[str, Any]] = {
-    STANDARD: {},
-    "cell-0.03": {"cell": 0.03},
-    "cell-0.12": {"cell": 0.12},
-    "cell-0.20": {"cell": 0.20},
-    "density-1/4": {"keep_every": 4},
-    "density-1/16": {"keep_every": 16},
-    "ground": {"keeps_ground": True},
-}
+    STANDARD: {}, "cell-0.03": {"cell": 0.03}, "cell-0.12": {"cell": 0.12}, "cell-0.20": {"cell": 0.20},
+    "density-1/4": {"keep_every": 4}, "density-1/16": {"keep_every": 16}, "ground": {"keeps_ground": True},
+}  # fmt: skip
 """How maps differ from the standard one (`Dataset.map_options`), by their names in the table of a study."""
 
 

@@ -181,15 +181,10 @@ def statistics(rows: MethodRows) -> MethodStatistics:
     measured = [field.name for field in fields(MethodStatistics) if field.type is Quantiles]
     known = {name: values[np.isfinite(values)] for name in measured for values in (rows.numbers(name),)}
     return MethodStatistics(
-        prior=rows.prior,
-        method=rows.method,
-        n_epochs=len(rows),
-        n_tried=int(rows.is_tried.sum()),
-        n_success=int(is_success.sum()),
-        n_localized=int(is_localized.sum()),
+        prior=rows.prior, method=rows.method, n_epochs=len(rows), n_tried=int(rows.is_tried.sum()),
+        n_success=int(is_success.sum()), n_localized=int(is_localized.sum()),
         n_false=int((is_localized & ~is_success & np.isfinite(rows.numbers("distance"))).sum()),
         statuses=dict(Counter(str(word) for word in rows.words("status"))),
-        n_starts=int(np.nansum(rows.numbers("n_starts"))),
-        n_converged=int(np.nansum(rows.numbers("n_converged"))),
+        n_starts=int(np.nansum(rows.numbers("n_starts"))), n_converged=int(np.nansum(rows.numbers("n_converged"))),
         **{name: Quantiles.of(values) for name, values in known.items()},
-    )
+    )  # fmt: skip
