@@ -197,8 +197,8 @@ def test_one_row_may_leave_out_its_length_and_the_last_padding_and_a_cloud_its_p
         (dict(fields=()), "one field 'x'"),
         (dict(fields=(field("x", 0, 6), field("y", 4, 7))), "x uint32"),
         (dict(fields=(*_simple().fields, field("x", 12, 7))), "one field 'x'"),
-        (dict(fields=(field("x", 2**30, 7), *_simple().fields[1:])), "of the 16 bytes"),
-        (dict(fields=(field("x", 0, 7, 2**20), *_simple().fields[1:])), "one field 'x'"),
+        (dict(fields=(*_simple().fields, field("t", 2**31 - 1, 7))), "fields beyond byte 1,048,576"),
+        (dict(fields=(field("x", 0, 7, 2**20), *_simple().fields[1:])), "fields beyond byte 1,048,576"),
         (dict(fields=(field("x", 0, 99), *_simple().fields[1:])), "one field 'x'"),
     ],
 )

@@ -15,7 +15,7 @@ from maxcon.io.text import printable
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Kinds of numbers by their code in sensor_msgs/PointField."""
 RINGS = ("ring", "channel", "laser_id", "line", "laser_number")  # names under which drivers store the layer of a point
-MAX_POINTS = 50_000_000
+MAX_POINTS, MAX_BYTES = 50_000_000, 2**20  # of a cloud, of one point: NumPy counts the bytes of a record in 32 bits
 MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
 """Odd factors by which the bits of x, y and z are hashed."""
 
@@ -51,6 +51,8 @@ def records_of_message(content: Any) -> NDArray[np.void]:
     width, height, step = content.width, content.height, content.point_step
     order = ">" if content.is_bigendian else "<"
     known = [field for field in content.fields if field.datatype in FORMATS]
+    if any(field.offset + 8 * field.count > MAX_BYTES for field in known):
+        raise ValueError(f"fields beyond byte {MAX_BYTES:,} of a point")
     # Some drivers write a count of 0 for a single number.
     kinds = [f"{f'({field.count},)' if field.count > 1 else ''}{order}{FORMATS[field.datatype]}" for field in known]
     dtype = record_type([field.name for field in known], kinds, [field.offset for field in known])
