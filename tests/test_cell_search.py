@@ -173,20 +173,14 @@ def test_whoever_looked_beyond_tells_the_boundary_and_otherwise_the_cell_does(ce
 @pytest.mark.parametrize(
     ("offset", "turn_deg", "space", "is_beyond"),
     [
-        (11.88, 0.0, SearchSpace(12.0), False),
-        (11.94, 0.0, SearchSpace(12.0), True),
-        (-11.94, 0.0, SearchSpace(12.0), False),
-        (-12.0, 0.0, SearchSpace(12.0), True),
-        (-12.3, 0.0, SearchSpace(12.0), True),
-        (0.0, 10.24, SearchSpace(12.0), False),
-        (0.0, -10.26, SearchSpace(12.0), True),
-        (0.0, 349.76, SearchSpace(12.0), False),
-        (0.03, 0.0, SearchSpace(0.0), False),
-        (0.3, 0.0, SearchSpace(0.3), True),
-        (-CELL, 0.0, SearchSpace(CELL), False),
-        (CELL, 0.0, SearchSpace(CELL), True),
+        (11.88, 0.0, SearchSpace(12.0), False), (11.94, 0.0, SearchSpace(12.0), True),
+        (-11.94, 0.0, SearchSpace(12.0), False), (-12.0, 0.0, SearchSpace(12.0), True),
+        (-12.3, 0.0, SearchSpace(12.0), True), (0.0, 10.24, SearchSpace(12.0), False),
+        (0.0, -10.26, SearchSpace(12.0), True), (0.0, 349.76, SearchSpace(12.0), False),
+        (0.03, 0.0, SearchSpace(0.0), False), (0.3, 0.0, SearchSpace(0.3), True),
+        (-CELL, 0.0, SearchSpace(CELL), False), (CELL, 0.0, SearchSpace(CELL), True),
     ],
-)
+)  # fmt: skip
 def test_the_boundary_is_the_outermost_cell_or_half_a_step_beyond_the_last_heading(offset, turn_deg, space, is_beyond):
     for at in (0.0, 0.1, 50.0, -1234.56):  # rounding decides nothing
         prior = replace(HERE, x=at, y=-at, heading=2.0)

@@ -15,7 +15,7 @@ from maxcon import MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trust
 from maxcon.estimate import Status
 from maxcon.refine import fit, patterns, refine
 from maxcon.refine.adjustment import table_around
-from walled_towns import TRUTH, beside, made
+from walled_towns import TRUTH, beside, made, walls
 
 SPACE = SearchSpace(1.0, heading_half_width_deg=2.0)
 SEEDS = st.integers(0, 3)
@@ -88,6 +88,15 @@ def test_a_scan_is_corrected_and_a_third_of_the_shift_widens_the_covariance(patt
     assert off(found.refined.pose) < min(0.03, 0.7 * off(as_it_is))
     shift = found.refined.pose.values - as_it_is.values
     assert found.covariance == pytest.approx(0.33**2 * np.outer(shift, shift))
+
+
+def test_the_covariance_is_small_where_the_corrected_heading_lies_beyond_the_half_turn():
+    turn = Pose(0.0, 0.0, 0.0, 0.0, 0.0, math.pi - TRUTH.heading + 0.003)
+    turned = PointMap.from_points(*(each @ turn.rotation.T for each in walls(1)), town(1)[0].cell)
+    changed = distorted(town(1)[1], TWISTED, 0.03)
+    as_it_is, found = refine(changed, turned, turn @ TRUTH).pose, fitted(changed, turned, turn @ TRUTH)
+    assert as_it_is.heading > 0.0 > found.refined.pose.heading
+    assert math.sqrt(found.covariance[5, 5]) < 0.01
 
 
 def test_what_the_map_may_have_as_well_is_not_corrected_and_widens_the_covariance():

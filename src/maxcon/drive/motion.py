@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
-from maxcon.geometry import Pose, wrap_angle
+from maxcon.geometry import Pose
 from maxcon.scan.trajectory import Trajectory
 
 # Of a heading that is wrong by s at the end of a motion and grew evenly or at random, the position at the end is
@@ -189,8 +189,6 @@ class UncertainPose:
         observed = np.eye(6)[known]
         noise = covariance[np.ix_(known, known)]
         gain = np.linalg.solve(observed @ self.covariance @ observed.T + noise, observed @ self.covariance).T
-        difference = measured.values - self.pose.values
-        difference[3:] = [wrap_angle(turn) for turn in difference[3:].tolist()]
         left = np.eye(6) - gain @ observed
-        pose = Pose(*(self.pose.values + gain @ difference[known]).tolist())
+        pose = Pose(*(self.pose.values + gain @ measured.less(self.pose)[known]).tolist())
         return UncertainPose(pose, left @ self.covariance @ left.T + gain @ noise @ gain.T)

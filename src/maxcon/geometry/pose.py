@@ -102,6 +102,12 @@ class Pose:
         x, y, z = self.position + np.asarray(offset, dtype=np.float64)
         return Pose(x, y, z, self.roll, self.pitch, self.heading)
 
+    def less(self, other: Pose) -> NDArray[np.float64]:
+        """Return the values less those of another pose, shape (6,), m and rad, turns within [-pi, pi)."""
+        difference = self.values - other.values
+        difference[3:] = wrap_angle(difference[3:])
+        return difference
+
     def with_height_and_tilt_of(self, other: Pose) -> Pose:
         """Return the pose at this x, y and heading with the z, roll and pitch of another."""
         return Pose(self.x, self.y, other.z, other.roll, other.pitch, self.heading)

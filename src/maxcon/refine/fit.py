@@ -64,14 +64,14 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
     explanation = explain(refined, partners, sample, point_map, table)
     best = explanation.corrected
     if best is not None:
-        is_corrected, shift = best.pattern.is_of_scan, best.refined.pose.values - refined.pose.values
+        is_corrected, shift = best.pattern.is_of_scan, best.refined.pose.less(refined.pose)
         words = best.words(" (corrected)" if is_corrected else "")
         doubts = [(abs(best.size) / best.pattern.largest, f"the scan {words}")]
         if is_corrected:
             refined, partners = best.refined, Partners.of(best.scan, best.refined.pose, point_map, table)
         errors = np.outer(shift, shift) * (UNMODELLED**2 if is_corrected else 1.0)
     for rival in explanation.rivals:
-        shift = rival.refined.pose.values - refined.pose.values
+        shift = rival.refined.pose.less(refined.pose)
         if np.hypot(*shift[:2]) > COVERED:
             doubts.append((UNKNOWN, f"it may as well be that, seen from another place, the scan {rival.words()}"))
             break

@@ -32,9 +32,7 @@ def _partner_along(px, py, pz, nx, ny, nz, patch, cell, reach, least_cosine, is_
             if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != here_z:
                 here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
                 patch = find_patch(x, y, z, table)
-            if patch < 0:
-                continue
-            number = find_in_patch(x, y, patch, table)
+            number = find_in_patch(x, y, patch, table) if patch >= 0 else -1
             if number < 0:
                 continue
             ax, ay, az, mx, my, mz = plane_of_voxel(number, x, y, z, cell, table)
@@ -69,9 +67,7 @@ def _partner_around(px, py, pz, own_patch, cell, reach, table):
             patch = own_patch
             if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != z0:
                 patch = find_patch(x, y, z, table)
-            if patch < 0:
-                continue
-            number = find_in_patch(x, y, patch, table)
+            number = find_in_patch(x, y, patch, table) if patch >= 0 else -1
             if number < 0:
                 continue
             ax, ay, az, mx, my, mz = plane_of_voxel(number, x, y, z, cell, table)
@@ -157,9 +153,7 @@ def _add_all(points, normals, R, unknowns, cell, weights, is_signed, by_points, 
         x, y = np.int64(np.floor((dx + unknowns[0]) / cell)), np.int64(np.floor((dy + unknowns[1]) / cell))
         z = np.int64(np.floor((dz + unknowns[2]) / cell))
         patch = find_patch(x, y, z, table)
-        if patch < 0:
-            continue
-        number = find_in_patch(x, y, patch, table)
+        number = find_in_patch(x, y, patch, table) if patch >= 0 else -1
         if number < 0:
             continue
         mx, my, mz, _, _, _ = plane_of_voxel(number, x, y, z, cell, table)

@@ -195,7 +195,8 @@ def explain(refined: Refined, partners: Partners, sample: Scan, point_map: Point
     step = max(1, len(sample) // TRIAL_POINTS)
     some, weight = Scan(sample.points[::step], sample.normals[::step]), float(refined.weights[::step].sum())
     suspected = _suspected(partners, sample, refined.start_weights)
-    tried = sorted((_without(*each, refined, weight, some, point_map, table) for each in suspected), key=_by_gain)
+    tried = [_without(*each, refined, weight, some, point_map, table) for each in suspected]
+    tried.sort(key=lambda each: -each.gain)
     best = next(filter(_is_there, tried), None)
     gain, place = (0.0, refined.pose) if best is None else (best.gain, best.refined.pose)
     rivals = [
@@ -208,10 +209,6 @@ def explain(refined: Refined, partners: Partners, sample: Scan, point_map: Point
         best, unexplained = replace(whole, gain=best.gain), []
     unexplained += [each for each in tried[:1] if each.gain > INSECURE_GAIN and each.significance < SIGNIFICANT]
     return Explanation(best, rivals, unexplained[0] if unexplained else None)
-
-
-def _by_gain(tried: Corrected) -> float:
-    return -tried.gain
 
 
 def _apart(one: Pose, other: Pose) -> float:
