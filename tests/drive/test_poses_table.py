@@ -25,7 +25,7 @@ from maxcon.drive.poses_table import (
     poses_schema,
     rows_there,
     write_poses,
-)
+)  # fmt: skip
 from maxcon.errors import FileError, OptionError
 from maxcon.io.trajectories import read_trajectory
 
@@ -117,12 +117,12 @@ def test_the_table_is_written_whole_or_not_at_all(path):
 def test_a_reason_in_any_letters_and_lines_is_written_the_same_under_any_locale(path):
     script = (
         "from test_poses_table import made_epoch, replace, write_poses; import sys;"
-        "write_poses(sys.argv[1], [replace(made_epoch(0), reason='a \"scan\",\\nin Stra\\u00dfe')])"
+        "write_poses(sys.argv[1], [replace(made_epoch(0), reason='a \"scan\",\\nin Stra\\u00dfe\\udcdf')])"
     )
     plain = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "PYTHONPATH": str(Path(__file__).parent)}
     plain["PYTHONPATH"] += os.pathsep + os.environ.get("PYTHONPATH", "")
     subprocess.run([sys.executable, "-c", script, path], env=os.environ | plain, check=True)
-    assert [row["reason"] for row in rows_of(path)] == ['a "scan", in Straße']
+    assert [row["reason"] for row in rows_of(path)] == ['a "scan", in Straße?']
     assert rows_there(path, np.array([START])).n_rows == 1
 
 

@@ -25,7 +25,6 @@ from maxcon._system.resumable import ResumableTable, differences
 from maxcon.drive.localize import EpochEstimate
 from maxcon.errors import FileError, OptionError
 from maxcon.estimate import Status
-from maxcon.geometry import wrap_angle
 from maxcon.map.manifest import MANIFEST, MAX_MANIFEST_BYTES
 from maxcon.map.storage import address_of, open_storage
 from maxcon.scan.trajectory import Trajectory
@@ -53,16 +52,18 @@ LARGEST_HASHED = 2**26  # bytes; larger files (recordings) are known by path and
 
 def pose_values(epoch: EpochEstimate) -> dict[str, Any]:
     """Return what is known of an epoch, by the names of the columns, not rounded; a column left out has no value."""
-    values: dict[str, Any] = {"time": epoch.raw.time, "epoch": epoch.epoch, "scan": epoch.raw.name}
-    values |= {"status": epoch.status.value, "ms": epoch.milliseconds, "reason": " ".join(epoch.reason.split())}
+    values: dict[str, Any] = {"time": epoch.raw.time, "epoch": epoch.epoch, "status": epoch.status.value}
+    values["ms"] = epoch.milliseconds
+    for name, text in (("scan", epoch.raw.name), ("reason", epoch.reason)):  # names of files may be no UTF-8
+        values[name] = " ".join(text.encode(errors="replace").decode().split())
     if epoch.estimate is not None:
         values["score"] = epoch.estimate.score
     if epoch.pose_global is None or epoch.estimate is None:
         return values
     values |= {name: getattr(epoch.pose_global, name) for name in UNKNOWNS} | {"crs": epoch.crs}
     if epoch.prior is not None:
-        x, y, z, *_, turn = epoch.estimate.pose.values - epoch.prior.values
-        values |= dict(zip(SHIFTS, (x, y, z, math.degrees(wrap_angle(turn))), strict=True))
+        x, y, z, *_, turn = epoch.estimate.pose.less(epoch.prior)
+        values |= dict(zip(SHIFTS, (x, y, z, math.degrees(turn)), strict=True))
     covariance = epoch.estimate.covariance[np.triu_indices(6)]
     if np.isfinite(covariance).all():
         values |= dict(zip(COVARIANCES, covariance.tolist(), strict=True))
