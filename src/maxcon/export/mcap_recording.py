@@ -71,23 +71,15 @@ def _status(row: PoseRow) -> Entry:
 
 
 def _pose(row: PoseRow, pose: Pose) -> Entry:
-    content = {
-        "header": header_of(row.time, MAP_FRAME),
-        "pose": {
-            "pose": position_and_turn(pose, ("position", "orientation")),
-            "covariance": covariance_of(row).ravel(),
-        },
-    }
+    place = {"pose": position_and_turn(pose, ("position", "orientation")), "covariance": covariance_of(row).ravel()}
+    content = {"header": header_of(row.time, MAP_FRAME), "pose": place}
     return Entry(row.time, "/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", content)
 
 
 def _transform(time: float, topic: str, parent: str, child: str, pose: Pose) -> Entry:
-    transform = {
-        "header": header_of(time, parent),
-        "child_frame_id": child,
-        "transform": position_and_turn(pose, ("translation", "rotation")),
-    }
-    return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [transform]})
+    place = position_and_turn(pose, ("translation", "rotation"))
+    content = {"header": header_of(time, parent), "child_frame_id": child, "transform": place}
+    return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [content]})
 
 
 def _fix(row: PoseRow, z: float, lonlat: tuple[float, float]) -> Entry:

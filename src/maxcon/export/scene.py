@@ -94,17 +94,17 @@ def epochs_of_rows(
     """
     numbers = [None if scans is None or row.pose is None else scan_of_row(row, scans) for row in rows]
 
-    def shown(number: int, scan: int | None) -> SceneEpoch:
-        prior, points, cells = _prior_of(rows[number]), NO_POINTS, None
+    def shown(row: PoseRow, scan: int | None, number: int) -> SceneEpoch:
+        prior, points, cells = _prior_of(row), NO_POINTS, None
         if scans is not None and scan is not None:
             raw = scans.read(scan, *ranges)
             points = _thinned(raw.points, SCAN_POINTS)
             if scored_in is not None and prior is not None:
                 local = scored_in.frame.pose_to_local(prior)
                 cells = CellScores.searched(MaximumConsensus(), scan_of(raw), scored_in, local)
-        return SceneEpoch(number, rows[number], points, prior, cells)
+        return SceneEpoch(int(row.numbers.get("epoch", number)), row, points, prior, cells)
 
-    return map(shown, range(len(rows)), numbers)
+    return map(shown, rows, numbers, range(len(rows)))
 
 
 def _prior_of(row: PoseRow) -> Pose | None:
