@@ -8,17 +8,19 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace as Record
 
 import numpy as np
 import pytest
 
 import written_maps
-from maxcon import Pose
+from maxcon import LiveLocalizer, Pose
+from maxcon.cli.options import Outputs, Topics
 from maxcon.io.recordings.recording import cloud_content, header_of, position_and_turn
 from towns import Town
 
 pytest.importorskip("cyclonedds")
-from maxcon.cli.ros2_node import CLOUD, DIAGNOSTICS, ODOMETRY, POSE, TRANSFORMS
+from maxcon.cli.ros2_node import CLOUD, DIAGNOSTICS, ODOMETRY, POSE, TRANSFORMS, Ros2Node
 from maxcon.io.ros2_wire import Ros2Wire
 
 DOMAIN = 101 + os.getpid() % 100
@@ -58,10 +60,8 @@ class Player:
 
 @contextmanager
 def running(folder):
-    command = [
-        sys.executable, "-m", "maxcon", "live", str(folder), "--ros2", "--domain", str(DOMAIN), "--tf-ahead", "0",
-    ]  # fmt: skip
-    process = subprocess.Popen(command)
+    options = ["--ros2", "--domain", str(DOMAIN), "--tf-ahead", "0"]
+    process = subprocess.Popen([sys.executable, "-m", "maxcon", "live", str(folder), *options])
     try:
         yield process
     finally:
@@ -71,6 +71,26 @@ def running(folder):
 
 def stamp(message):
     return round(message.header.stamp.sec + message.header.stamp.nanosec / 1e9, 3)
+
+
+def test_a_node_goes_on_behind_odometry_and_tiles_that_hold_nothing(monkeypatch, capsys):
+    town, published, given = Town(11), [], [(1e300, 1.0), (1.0, 1e-200), (math.nan, 1.0)]
+
+    def listen(_):
+        x, w = given.pop()
+        pose = Record(position=Record(x=x, y=0.0, z=0.0), orientation=Record(x=0.0, y=0.0, z=0.0, w=w))
+        header = Record(stamp=Record(sec=9, nanosec=0), frame_id="odom")
+        node._take_odometry(Record(header=header, pose=Record(pose=pose)))
+
+    wire = Record(publisher=lambda *_, **__: published.append, subscribe=lambda *_, **__: None, listen=listen)
+    node = Ros2Node(LiveLocalizer(town.map), wire, Topics(map_folder=None), Outputs())
+    with pytest.raises(IndexError):
+        node.run()
+    assert capsys.readouterr().err.count("Expected a") == 2
+    nothing = town.map.tile(min(town.map.tile_keys)).rows(np.arange(0))
+    monkeypatch.setattr(town.map, "tile", lambda key: nothing)
+    node._publish_thinned_map()
+    assert published[-1]["width"] == 0
 
 
 @pytest.mark.kills

@@ -203,10 +203,17 @@ def test_a_tile_that_cannot_be_read_is_a_scan_without_an_answer(point_map):
 
 
 def test_messages_that_make_no_sense_are_refused(live):
-    with pytest.raises(ArrayError, match=r"a time for each of 3 points or none, got time 1.0 and \(2,\)"):
+    with pytest.raises(ArrayError, match=r"a time for each of 3 points or none, got shape \(2,\)"):
         live.add_scan(1.0, np.ones((3, 3)), np.ones(2))
-    with pytest.raises(ArrayError, match="Expected a finite time"):
-        live.add_scan(math.nan, np.ones((3, 3)))
+    for what, refused in (
+        ("scan", lambda: live.add_scan(math.nan, np.ones((3, 3)))),
+        ("scan", lambda: live.add_scan(1.0, np.ones((3, 3)), [0.0, math.nan, 0.0])),
+        ("odometry", lambda: live.add_odometry(TIMES[0], Pose(1e154, 0.0, 0.0, 0.0, 0.0, 0.0))),
+        ("prior", lambda: live.add_prior(math.nan, truth(0))),
+        ("position", lambda: live.add_position(TIMES[0], 0.0, 0.0, math.nan)),
+    ):
+        with pytest.raises(ArrayError, match=f"Expected a {what} with finite numbers"):
+            refused()
     with pytest.raises(OptionError, match=r"Expected a delay of 0 to 10 s, a queue and a patience of 1 or more"):
         LiveOptions(delay=-1.0)
 
@@ -221,6 +228,16 @@ def test_a_thread_answers_what_comes(live):
             while len(told) <= epoch and time.monotonic() < deadline:
                 time.sleep(0.01)
     assert [answer.epoch.raw.time for answer in told] == TIMES[:3]
+
+
+def test_the_thread_ends_though_scans_keep_coming(live):
+    def tell(answer):
+        live.add_scan(answer.epoch.raw.time + 0.1, np.empty((0, 3)), now=-1.0)
+
+    with live.working(tell):
+        live.add_scan(0.0, np.empty((0, 3)), now=-1.0)
+        while live._inbox.counts.n_answered < 3:
+            time.sleep(0.01)
 
 
 # --- lost, and found again ------------------------------------------------------------------------------------

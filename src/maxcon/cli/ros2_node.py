@@ -13,7 +13,7 @@ import numpy as np
 from maxcon.cli.options import Outputs, Topics
 from maxcon.cli.terminal import warn
 from maxcon.drive.live import LiveAnswer, LiveLocalizer
-from maxcon.errors import FileError, MaxconError, OptionError
+from maxcon.errors import ArrayError, FileError, MaxconError, OptionError
 from maxcon.geometry import Pose
 from maxcon.geometry.pose import angles_from_quaternions
 from maxcon.io.clouds.base import as_file_error
@@ -23,6 +23,7 @@ from maxcon.io.point_records import decode_points, records_of_message
 from maxcon.io.recordings.recording import cloud_content, frame_of, header_of, position_and_turn, stamp_of
 from maxcon.io.recordings.transforms import numbers_of
 from maxcon.io.ros2_wire import Ros2Wire
+from maxcon.scan import one_per_cube
 from maxcon.scan.mounting import Mounting, read_mounting
 
 CLOUD, ODOMETRY, FIX = "sensor_msgs/msg/PointCloud2", "nav_msgs/msg/Odometry", "sensor_msgs/msg/NavSatFix"
@@ -31,7 +32,6 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 OK, WARN, ERROR = 0, 1, 2  # levels of diagnostics
 DEPTHS = {CLOUD: 5, ODOMETRY: 100, FIX: 5}  # odometry is small and often, and all of it is needed
 UNSTATED_SIGMA = 5.0  # m, of a receiver that states none
-CUBES = (2**20,) * 3  # along each axis of a tile at most
 MOST_WARNINGS = 20  # of broken messages
 LISTEN = 0.1  # s between looks at whether the localizer still works
 
@@ -73,7 +73,7 @@ class Ros2Node:
             while thread.is_alive():
                 try:
                     self._wire.listen(LISTEN)
-                except FileError as error:  # a message that is broken: others may not be
+                except (ArrayError, FileError) as error:  # a message that is broken: others may not be
                     if str(error) not in told and len(told) < MOST_WARNINGS:
                         told.add(str(error))
                         warn(str(error))
@@ -93,7 +93,7 @@ class Ros2Node:
     def _take_odometry(self, message: Any) -> None:
         """Take a pose of the odometry, as one of the scanner; none where it says nothing."""
         numbers = numbers_of(message.pose.pose.position, message.pose.pose.orientation)
-        if not np.isfinite(numbers).all() or not any(numbers[3:]):
+        if not 0.5 < np.linalg.norm(numbers[3:]) < 2.0:  # more than rounded: none
             return
         pose = Pose(*numbers[:3], *angles_from_quaternions(numbers[3:]).tolist())
         self._odom_frame = frame_of(message) or self._odom_frame
@@ -148,8 +148,7 @@ class Ros2Node:
             for key in sorted(point_map.tile_keys):
                 began = clock.perf_counter()
                 points = point_map.tile(key).mean_points(point_map.cell)
-                cubes = np.ravel_multi_index(np.floor((points - points.min(axis=0)) / spacing).astype(int).T, CUBES)
-                kept.append(points[np.unique(cubes, return_index=True)[1]])
+                kept.append(points[one_per_cube(points, np.zeros_like(points), spacing)])
                 clock.sleep(clock.perf_counter() - began)  # scans come first
         except MaxconError as error:
             warn(f"no map is published: {error}")

@@ -37,6 +37,7 @@ LONGEST_AGE, FASTEST, SIGMAS, ROOM = 2.0, 30.0, 3.0, 1.0
 FEWEST_OFF = 2  # positions in a row that are believed against a track
 # What is known of a place that was found without a prior, before it is tracked: x, y, z (m), roll, pitch and heading.
 START = np.diag(np.square([0.1, 0.1, 1.0, *np.radians([1.0, 1.0, 0.5])]))
+LARGEST = 1e12  # s, or m: a larger number is none of a vehicle, and squares of it leave the range of floats
 LOOK_EVERY = 0.005  # s between looks at whether a scan has waited long enough
 METRES_AHEAD = 150.0  # tiles are read before they are needed, m around the vehicle
 
@@ -132,13 +133,13 @@ class LiveLocalizer:
         points: shape (n, 3); sensor frame, m.
         point_times: shape (n,); when each was measured, s after `time`, if the scan is to be deskewed by the odometry.
 
-        ArrayError if a shape is another, or a time is not finite.
+        ArrayError if a shape is another; and, as for all that comes, if a number is not finite, or above 1e12.
         """
         found = as_points(points, "points")
         offsets = None if point_times is None else np.asarray(point_times, dtype=np.float64)
-        if not math.isfinite(time) or (offsets is not None and offsets.shape != (len(found),)):
-            got = f"time {time} and {None if offsets is None else offsets.shape} point_times"
-            raise ArrayError(f"Expected a finite time, and a time for each of {len(found)} points or none, got {got}.")
+        _check("scan", time, 0.0 if offsets is None else np.abs(offsets).max(initial=0.0))
+        if offsets is not None and offsets.shape != (len(found),):
+            raise ArrayError(f"Expected a time for each of {len(found)} points or none, got shape {offsets.shape}.")
         ranges = np.sqrt(np.einsum("ij,ij->i", found, found))
         kept = (ranges > 0.0) & (ranges >= self.drive.min_range) & (ranges <= self.drive.max_range)
         raw = RawScan(
@@ -150,12 +151,14 @@ class LiveLocalizer:
 
     def add_odometry(self, time: float, T_odom_sensor: Pose) -> None:
         """Take a pose of the odometry, in any frame, drifting; time in s."""
+        _check("odometry", time, *T_odom_sensor.values)
         with self._inbox.changed:
             self._inbox.odometry.add(time, T_odom_sensor)
             self._inbox.changed.notify_all()
 
     def add_prior(self, time: float, T_map_sensor: Pose) -> None:
         """Take a rough pose, global coordinates in the CRS of the map; time in s."""
+        _check("prior", time, *T_map_sensor.values)
         local = self.map.frame.pose_to_local(T_map_sensor)
         with self._inbox.changed:
             self._inbox.priors.add(time, local)
@@ -163,6 +166,7 @@ class LiveLocalizer:
 
     def add_position(self, time: float, x: float, y: float, sigma: float) -> None:
         """Take a position without a heading: time, s; x, y in the CRS of the map, and their standard deviation, m."""
+        _check("position", time, x, y, sigma)
         x_low, y_low, _ = self.map.frame.origin
         last = self._inbox.position
         if last is None or not 0.0 < last.time - time < MEMORY:
@@ -183,9 +187,10 @@ class LiveLocalizer:
         def work() -> None:
             place: Pose | None = None
             while not ended.is_set():
-                for answer in self.answers():
+                if (answer := self.answer()) is not None:
                     tell(answer)
                     place = place if answer.epoch.estimate is None else answer.epoch.estimate.pose
+                    continue
                 if place is not None:
                     self._read_ahead(place)
                 with self._inbox.changed:
@@ -340,6 +345,12 @@ class LiveLocalizer:
         self._to_confirm = 0.0 if around is None else around.reach
         begun = self._tracked(told.epoch, read, None, Motion.none())
         return replace(begun, reason="; ".join(filter(None, [reason, begun.reason])))
+
+
+def _check(what: str, *numbers: float) -> None:
+    """Refuse numbers that would spoil what is known: ArrayError."""
+    if not all(abs(number) <= LARGEST for number in numbers):
+        raise ArrayError(f"Expected a {what} with finite numbers up to {LARGEST:g}, got {[*map(float, numbers)]}.")
 
 
 def _lost(told: EpochEstimate, why: str) -> EpochEstimate:
