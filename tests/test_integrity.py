@@ -149,20 +149,14 @@ def test_what_a_best_cell_is_judged_by(evidence, status):
 @pytest.mark.parametrize(
     ("evidence", "status"),
     [
-        ({}, Status.LOCALIZED),
-        ({"n_planes": 50}, Status.LOCALIZED),
-        ({"moved": 0.25}, Status.LOCALIZED),
-        ({"wall_share": 0.05}, Status.LOCALIZED),
-        ({"wall_share": 0.02, "is_confirmed": True}, Status.LOCALIZED),
-        ({"n_planes": 49}, Status.NOT_CONFIRMED),
-        ({"moved": 0.26}, Status.NOT_CONFIRMED),
-        ({"wall_share": 0.049}, Status.WALLS_MISSING),
-        ({"wall_share": 0.021, "is_confirmed": True}, Status.LOCALIZED),
+        ({}, Status.LOCALIZED), ({"n_planes": 50}, Status.LOCALIZED), ({"moved": 0.25}, Status.LOCALIZED),
+        ({"wall_share": 0.05}, Status.LOCALIZED), ({"wall_share": 0.02, "is_confirmed": True}, Status.LOCALIZED),
+        ({"n_planes": 49}, Status.NOT_CONFIRMED), ({"moved": 0.26}, Status.NOT_CONFIRMED),
+        ({"wall_share": 0.049}, Status.WALLS_MISSING), ({"wall_share": 0.021, "is_confirmed": True}, Status.LOCALIZED),
         ({"wall_share": 0.019, "is_confirmed": True}, Status.WALLS_MISSING),
-        ({"wall_share": None}, Status.WALLS_MISSING),
-        ({"wall_share": None, "is_confirmed": True}, Status.LOCALIZED),
+        ({"wall_share": None}, Status.WALLS_MISSING), ({"wall_share": None, "is_confirmed": True}, Status.LOCALIZED),
     ],
-)
+)  # fmt: skip
 def test_what_a_refined_pose_is_judged_by(evidence, status):
     good = {"n_planes": 500, "moved": 0.05, "wall_share": 0.5, "is_confirmed": False}
     assert Trust().status_of_pose(**{**good, **evidence}) is status

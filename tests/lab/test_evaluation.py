@@ -61,16 +61,10 @@ def test_along_and_across_are_those_of_the_reference(x, y, reference_heading, al
 @pytest.mark.parametrize(
     ("along", "across", "heading_deg", "wanted"),
     [
-        (0.3, 0.0, 0.0, True),
-        (0.3001, 0.0, 0.0, False),
-        (-0.18, 0.24, 0.0, True),
-        (0.25, 0.25, 0.0, False),
-        (0.0, 0.0, -1.0, True),
-        (0.0, 0.0, 1.001, False),
-        (0.31, 0.0, 1.1, False),
-        (math.nan, 0.0, 0.0, False),
+        (0.3, 0.0, 0.0, True), (0.3001, 0.0, 0.0, False), (-0.18, 0.24, 0.0, True), (0.25, 0.25, 0.0, False),
+        (0.0, 0.0, -1.0, True), (0.0, 0.0, 1.001, False), (0.31, 0.0, 1.1, False), (math.nan, 0.0, 0.0, False),
     ],
-)
+)  # fmt: skip
 def test_success_is_0_3_m_and_1_degree(along, across, heading_deg, wanted):
     assert PoseError(along, across, math.radians(heading_deg)).is_success is wanted
 
