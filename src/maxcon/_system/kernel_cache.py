@@ -35,8 +35,9 @@ UNUSED_SECONDS = 30 * 86400.0  # code of other contents is removed that was not 
 
 
 def njit(*, cache: bool = False, counts_references: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return numba's `njit` with these options.
+    """Return numba's `njit` with these options, where a division by zero gives what it gives in numpy, not an error.
 
+    To look for one at each division keeps loops from being vectorized.
     cache: whether the code is kept in `code_folder`, if there is one.
     counts_references: numba counts the references to each array that a function is called with, by an atomic
         instruction each. Of functions that look up one voxel or point this is half of the time; those that neither make
@@ -44,7 +45,7 @@ def njit(*, cache: bool = False, counts_references: bool = True, **options: Any)
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        chosen = options | {"_nrt": counts_references}  # which numba's own types do not know
+        chosen = options | {"error_model": "numpy"} | {"_nrt": counts_references}  # numba's types know no `_nrt`
         kernel: Any = numba.njit(**chosen)(function)
         if cache and isinstance(kernel, Dispatcher) and code_folder() is not None:
             kernel._cache = _ContentCache(function)  # type: ignore[attr-defined, no-untyped-call, unused-ignore]

@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,20 +32,23 @@ def rotation_matrices(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> 
 
     Each maps sensor axes to map axes.
     """
-    roll, pitch, heading = (np.asarray(angle, dtype=np.float64) for angle in (roll, pitch, heading))
-    cr, sr = np.cos(roll), np.sin(roll)
-    cp, sp = np.cos(pitch), np.sin(pitch)
-    ch, sh = np.cos(heading), np.sin(heading)
-    rotations = np.empty((*np.broadcast_shapes(roll.shape, pitch.shape, heading.shape), 3, 3))
-    rows = (
+    if isinstance(roll, float) and isinstance(pitch, float) and isinstance(heading, float):
+        return np.array(_rows(math.cos, math.sin, roll, pitch, heading))  # ten times as fast
+    roll, pitch, heading = np.broadcast_arrays(
+        *(np.asarray(angle, dtype=np.float64) for angle in (roll, pitch, heading))
+    )
+    rows = np.array(_rows(np.cos, np.sin, roll, pitch, heading))
+    return np.ascontiguousarray(np.moveaxis(rows, (0, 1), (-2, -1)))
+
+
+def _rows(cos: Callable[..., Any], sin: Callable[..., Any], roll: Any, pitch: Any, heading: Any) -> Any:
+    """Rows of `rotation_matrices`, by the cosine and sine of numbers or of arrays."""
+    cr, sr, cp, sp, ch, sh = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(heading), sin(heading)
+    return (
         (ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr),
         (sh * cp, sh * sp * sr + ch * cr, sh * sp * cr - ch * sr),
         (-sp, cp * sr, cp * cr),
     )
-    for i, row in enumerate(rows):
-        for j, values in enumerate(row):
-            rotations[..., i, j] = values
-    return rotations
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +72,11 @@ class Pose:
     heading: float
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = float(getattr(self, field.name))
+        for name in self.__slots__:
+            value = float(getattr(self, name))
             if not math.isfinite(value):
-                raise ArrayError(
-                    f"Expected a finite number for `{field.name}` of a Pose, got {value}. Leave this pose out."
-                )
-            object.__setattr__(self, field.name, value)
+                raise ArrayError(f"Expected a finite number for `{name}` of a Pose, got {value}. Leave this pose out.")
+            object.__setattr__(self, name, value)
         object.__setattr__(self, "heading", wrap_angle(self.heading))
 
     @property

@@ -80,35 +80,47 @@ def most_frequent(points, below, near, reach, width):
     return np.median(in_bins)
 
 
-@njit(nogil=True, cache=True)
-def _step(points, below, square, stiffness, plane, normal, right):
-    """One step of reweighted least squares towards the plane; returns what the points have agreed by before it."""
+@njit(nogil=True, cache=True, fastmath={"reassoc", "contract"})
+def _sums(x, y, below, square, plane):
+    """What points agree on a plane by, and the sums of their normal equations; arguments as of `_step`."""
     agreed, offset, slope_x, slope_y = 0.0, plane[0], plane[1], plane[2]
     n00, n01, n02, n11, n12, n22, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(points.shape[0]):
-        x, y = points[i, 0], points[i, 1]
-        off = below[i] - offset - slope_x * x - slope_y * y
+    for i in range(x.shape[0]):
+        off = below[i] - offset - slope_x * x[i] - slope_y * y[i]
         weight = square / (square + off * off)
         agreed += weight
         weight *= weight
+        weight_x, weight_y, weight_off = weight * x[i], weight * y[i], weight * off
         n00 += weight
-        n01 += weight * x
-        n02 += weight * y
-        n11 += weight * x * x
-        n12 += weight * x * y
-        n22 += weight * y * y
-        r0 += weight * off
-        r1 += weight * off * x
-        r2 += weight * off * y
-    normal[0, 0], normal[0, 1], normal[0, 2], normal[1, 1], normal[1, 2], normal[2, 2] = (n00, n01, n02, n11, n12, n22)
-    right[0], right[1], right[2] = r0, r1, r2
-    normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
-    normal[0, 0] += 1e-9
-    for axis in range(1, 3):
-        normal[axis, axis] += stiffness
-        right[axis] -= stiffness * plane[axis]
-    plane += np.linalg.solve(normal, right)
-    return agreed - 0.5 * stiffness * (plane[1] ** 2 + plane[2] ** 2) / square
+        n01 += weight_x
+        n02 += weight_y
+        n11 += weight_x * x[i]
+        n12 += weight_x * y[i]
+        n22 += weight_y * y[i]
+        r0 += weight_off
+        r1 += weight_off * x[i]
+        r2 += weight_off * y[i]
+    return agreed, (n00 + 1e-9, n01, n02, n11, n12, n22), (r0, r1, r2)
+
+
+@njit(nogil=True, cache=True)
+def _step(x, y, below, square, stiffness, plane, normal):
+    """One step of reweighted least squares towards the plane; returns what the points have agreed by before it."""
+    agreed, (n00, n01, n02, n11, n12, n22), (r0, r1, r2) = _sums(x, y, below, square, plane)
+    agreed -= 0.5 * stiffness * (plane[1] ** 2 + plane[2] ** 2) / square
+    n11, n22, r1, r2 = n11 + stiffness, n22 + stiffness, r1 - stiffness * plane[1], r2 - stiffness * plane[2]
+    normal[0, 0], normal[0, 1], normal[0, 2], normal[1, 1], normal[1, 2], normal[2, 2] = n00, n01, n02, n11, n12, n22
+    normal[1, 0], normal[2, 0], normal[2, 1] = n01, n02, n12
+    # Elimination, of the height first: the matrix is positive definite.
+    over_x, over_y = n01 / n00, n02 / n00
+    n11, n12, n22 = n11 - over_x * n01, n12 - over_x * n02, n22 - over_y * n02
+    r1, r2 = r1 - over_x * r0, r2 - over_y * r0
+    slope_y = (r2 - n12 / n11 * r1) / (n22 - n12 / n11 * n12)
+    slope_x = (r1 - n12 * slope_y) / n11
+    plane[0] += r0 / n00 - over_x * slope_x - over_y * slope_y
+    plane[1] += slope_x
+    plane[2] += slope_y
+    return agreed
 
 
 @njit(nogil=True, cache=True)
@@ -122,16 +134,17 @@ def fit_planes(points, below, starts, scales, stiffness, stride, plane, normal):
     so many points one is looked at before the last steps; plane : (3,), out; normal : (3, 3), out, the normal matrix of
     the last step.
     """
-    some, below_some = points[::stride], below[::stride]
-    here, right, trial = np.empty((3, 3)), np.empty(3), np.empty(3)
+    x, y = points[:, 0].copy(), points[:, 1].copy()
+    some_x, some_y, some_below = x[::stride].copy(), y[::stride].copy(), below[::stride].copy()
+    here, trial = np.empty((3, 3)), np.empty(3)
     most = -np.inf
     for start in range(starts.shape[0]):
         trial[:] = starts[start]
         agreed = 0.0
         for scale in scales:
-            agreed = _step(some, below_some, scale * scale, stiffness / stride, trial, here, right)
+            agreed = _step(some_x, some_y, some_below, scale * scale, stiffness / stride, trial, here)
         if agreed > most:
             most = agreed
             plane[:] = trial
     for _ in range(N_LAST):
-        _step(points, below, scales[-1] * scales[-1], stiffness, plane, normal, right)
+        _step(x, y, below, scales[-1] * scales[-1], stiffness, plane, normal)

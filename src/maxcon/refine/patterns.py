@@ -50,7 +50,7 @@ Points = NDArray[np.float64]
 
 def _phase(points: Points, ahead: float) -> Points:
     """Part of a turn, shape (n, 1), -1/2 to 1/2, at which a spinning scanner takes each point."""
-    return (np.mod(np.arctan2(ahead * points[:, 1], ahead * points[:, 0]) / (2.0 * math.pi) + 0.5, 1.0) - 0.5)[:, None]
+    return np.arctan2(ahead * points[:, 1], ahead * points[:, 0])[:, None] / (2.0 * math.pi)
 
 
 def _along(points: Points, axis: int) -> Points:
@@ -87,7 +87,7 @@ PATTERNS = (
     Pattern("looks {:+.2f} % too large", "are its units and calibration right?", lambda p: p, 0.0035, 0.03, 0.01),
     Pattern(
         "has ranges that look {:+.2f} m too long", "calibrate the scanner",
-        lambda p: p / np.maximum(np.linalg.norm(p, axis=1), 1e-9)[:, None], 0.05, 0.5,
+        lambda p: p / np.sqrt(np.maximum(np.einsum("ij,ij->i", p, p), 1e-18))[:, None], 0.05, 0.5,
     ),
     Pattern(
         "looks stretched along the way by {:+.1f} m a turn", DESKEW,

@@ -82,7 +82,7 @@ def _sort_cell(order, first, last, azimuths, points):
         order[place] = i
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def _cells(elevations, azimuths, lowest, row_step, n_rows, n_columns):
     """Cell, row * n_columns + column, of each direction."""
     cells = np.empty(len(elevations), np.uint32)

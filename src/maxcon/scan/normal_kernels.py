@@ -35,7 +35,7 @@ WORTHWHILE = 0.93
 LEVEL = 0.9
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def _take_block(grid, pending, first, factor, block):
     """Fill a block with pending points, from number `first` on, whose next window is not higher than `HIGHEST`.
 
@@ -58,7 +58,7 @@ def _take_block(grid, pending, first, factor, block):
     return n, k
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def _reaches(n, points, heights, n_columns, row_step, gates, rows, columns):
     """How far from each of n points its neighbours may lie: in space (m), and in rows and columns of the grid."""
     for k in range(n):
@@ -90,7 +90,7 @@ def _sum_block(grid, n, block, reaches, candidates, moments, is_full):
         )  # fmt: skip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def _write_normals(n, block, moments, squares, planes, normals, is_spread):
     """Write whether the neighbours of n points are spread in two dimensions, and normals where they form a plane.
 

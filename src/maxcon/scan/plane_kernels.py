@@ -115,7 +115,7 @@ def sum_near(candidates, stride, n, x0, y0, z0, gate, moments, place):
     moments[7 * BLOCK + place], moments[8 * BLOCK + place], moments[9 * BLOCK + place] = yy, yz, zz
 
 
-@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, cache=True, forceinline=True)
 def _covariance_in_block(moments, k):
     """Covariance of neighbourhood k of a block, from its moments: xx, xy, xz, yy, yz, zz."""
     share = 1.0 / moments[k]
@@ -131,7 +131,7 @@ def _covariance_in_block(moments, k):
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def plane_normals(n, moments, planes):
     """Find smallest and middle eigenvalue, and the eigenvector of the smallest, of n covariance matrices.
 
@@ -169,7 +169,7 @@ def plane_normals(n, moments, planes):
         planes[2 * BLOCK + k], planes[3 * BLOCK + k], planes[4 * BLOCK + k] = x * scale, y * scale, z * scale
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def squares_across(n, points, moments, squares):
     """Write the mean square deviation across the rings of n neighbourhoods, as the sensor sees them.
 

@@ -42,7 +42,7 @@ ARCTAN = (
 PI_REST = 1.2246467991473532e-16
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def _angle(y, x):
     """arctan2(y, x), rad, with a relative error of up to 4e-16; no branch and no call, so that loops are vectorized."""
     height, width = abs(y), abs(x)
@@ -64,7 +64,7 @@ def _angle(y, x):
     return np.copysign(angle, y)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def elevations_of(coordinates):
     """Elevation of each point above the xy plane, (n,), rad.
 
@@ -77,7 +77,7 @@ def elevations_of(coordinates):
     return elevations
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def azimuths_of(coordinates):
     """Azimuth of each point, (n,), rad from +x, -pi to pi; coordinates as for `elevations_of`."""
     azimuths = np.empty(len(coordinates) // 3)
@@ -160,7 +160,7 @@ def _low_window(votes):
     return N_WINDOWS - 1
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True)
 def first_windows(elevations, azimuths, lowest, highest, first):
     """Write the number of the window to try first in each of BANDS bands of elevation, and return the lowest of them.
 

@@ -108,15 +108,16 @@ def highest_cells(
     n_offsets = cells.shape[1]
     corner = np.array([prior.x + cells.offsets[0], prior.y + cells.offsets[0], prior.z])
 
-    def sums(values: NDArray[np.uint8], chosen: NDArray[np.int64]) -> Scores:
-        total = np.zeros((len(chosen), n_offsets, n_offsets), np.int32)
+    def sums(values: NDArray[np.uint8], rows: NDArray[np.int64]) -> NDArray[np.int32]:
+        total = np.zeros((len(headings), n_offsets, n_offsets), np.int32)
 
         def add(part: slice) -> None:
-            turned = headings[chosen[part]]
-            coarse_kernels.sum_windows(points, turned, corner, grid.cell, grid.low, grid.shape, values, total[part])
+            coarse_kernels.sum_windows(
+                points, headings[part], rows[part], corner, grid.cell, grid.low, grid.shape, values, total[part]
+            )
 
-        _in_parts(add, len(chosen), n_threads)
-        return total / PRODUCT_STEPS
+        _in_parts(add, len(headings), n_threads)
+        return total
 
     def scores(asked: NDArray[np.int64]) -> Scores:
         moments = np.zeros((len(asked), 3), np.int64)
@@ -125,15 +126,18 @@ def highest_cells(
         )
         return Helmert().score(np.column_stack([np.zeros(len(asked)), moments / NORMAL_STEPS**2]))
 
-    along = sums(grid.along, np.arange(len(headings)))
+    along = sums(grid.along, np.tile([0, n_offsets], (len(headings), 1))) / PRODUCT_STEPS
     leading = np.flatnonzero((along > 0.0) & (along >= MOST_CERTAIN * along.max()))[:AT_ONCE]
     best = max(best, scores(np.column_stack(np.unravel_index(leading, along.shape))).max(initial=0.0))
     is_open = (along > 0.0) & (along >= ratio * best)
-    chosen = np.flatnonzero(is_open.any(axis=(1, 2)))
-    bounds = Helmert().bound_by_axes(along[chosen], sums(grid.across, chosen))
-    heading, y, x = np.nonzero(is_open[chosen] & (bounds > 0.0) & (bounds >= ratio * best))
-    order = np.argsort(-bounds[heading, y, x], kind="stable")
-    bounds, asked = bounds[heading, y, x][order], np.column_stack([chosen[heading], y, x])[order]
+    has_open = np.any(is_open, axis=2)
+    ends = np.column_stack([has_open.argmax(axis=1), n_offsets - has_open[:, ::-1].argmax(axis=1)])
+    across = sums(grid.across, ends * has_open.any(axis=1)[:, None])
+    bounds = Helmert().bound_by_axes(along[is_open], across[is_open] / PRODUCT_STEPS)
+    is_asked = (bounds > 0.0) & (bounds >= ratio * best)
+    bounds, asked = bounds[is_asked], np.argwhere(is_open)[is_asked]
+    order = np.argsort(-bounds, kind="stable")
+    bounds, asked = bounds[order], asked[order]
     found = np.empty(0)
     while len(found) < (len(asked) if best > 0.0 else min(len(asked), MOST_SCORED)):
         if bounds[len(found)] < ratio * best:

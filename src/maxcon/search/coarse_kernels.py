@@ -35,12 +35,12 @@ def first_voxels(points, cosine, sine, corner, cell, low, shape, n_offsets, star
 
 
 @njit(nogil=True, cache=True)
-def _add_rows(values, starts, stride, sums):
-    """Add the bytes of each point's window to 16-bit sums, (ny, k COLUMNS)."""
-    n_y, n_blocks, width = sums.shape[0], sums.shape[1] // COLUMNS, np.uint64(COLUMNS)
+def _add_rows(values, starts, stride, rows, sums):
+    """Add the bytes of each point's window to some rows, (first, end), of 16-bit sums, (ny, k COLUMNS)."""
+    n_blocks, width = sums.shape[1] // COLUMNS, np.uint64(COLUMNS)
     n_of_fours = starts.shape[0] // 4 * 4
     for p in range(0, n_of_fours, 4):  # four points at once: sums are read and written once for all of them
-        for y in range(n_y):
+        for y in range(rows[0], rows[1]):
             for block in range(n_blocks):
                 shift = y * stride + block * COLUMNS
                 a, b = np.uint64(starts[p] + shift), np.uint64(starts[p + 1] + shift)
@@ -52,7 +52,7 @@ def _add_rows(values, starts, stride, sums):
                     pairs = np.uint16(row_a[x]) + np.uint16(row_b[x]), np.uint16(row_c[x]) + np.uint16(row_d[x])
                     total[x] = np.uint16(total[x] + pairs[0] + pairs[1])
     for p in range(n_of_fours, starts.shape[0]):
-        for y in range(n_y):
+        for y in range(rows[0], rows[1]):
             for block in range(n_blocks):
                 first = np.uint64(starts[p] + y * stride + block * COLUMNS)
                 row = values[first : first + width]
@@ -62,21 +62,23 @@ def _add_rows(values, starts, stride, sums):
 
 
 @njit(nogil=True, cache=True)
-def sum_windows(points, headings, corner, cell, low, shape, values, sums):
-    """Add up the bytes that the points of a scan meet in a dense grid, at every cell of a window.
+def sum_windows(points, headings, rows, corner, cell, low, shape, values, sums):
+    """Add up the bytes that the points of a scan meet in a dense grid, at the cells of some rows of a window.
 
-    points, corner, cell, low, shape : as of `first_voxels`; headings : (h,), rad; values : (nz ny nx + COLUMNS,) uint8,
-    the flat grid; sums : (h, n, n) int32, in zeros, out.
+    points, corner, cell, low, shape : as of `first_voxels`; headings : (h,), rad; rows : (h, 2), first and end of those
+    of each; values : (nz ny nx + COLUMNS,) uint8, the flat grid; sums : (h, n, n) int32, in zeros, out.
     """
     n = sums.shape[1]
     starts = np.empty(points.shape[0], np.int64)
     some = np.empty((n, (n + COLUMNS - 1) // COLUMNS * COLUMNS), np.uint16)
     for h in range(headings.shape[0]):
+        if rows[h, 0] == rows[h, 1]:
+            continue
         m = first_voxels(points, np.cos(headings[h]), np.sin(headings[h]), corner, cell, low, shape, n, starts)
         for first in range(0, m, POINTS_AT_ONCE):
             some[:] = 0
-            _add_rows(values, starts[first : min(m, first + POINTS_AT_ONCE)], shape[2], some)
-            for y in range(n):
+            _add_rows(values, starts[first : min(m, first + POINTS_AT_ONCE)], shape[2], rows[h], some)
+            for y in range(rows[h, 0], rows[h, 1]):
                 for x in range(n):
                     sums[h, y, x] += some[y, x]
 
