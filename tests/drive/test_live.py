@@ -188,6 +188,16 @@ def test_a_prior_that_comes_seldom_is_moved_on_by_the_odometry(live):
     assert answer.epoch.prior.values == pytest.approx(expected.values, abs=1e-9)
 
 
+def test_where_the_odometry_has_ended_priors_tell_the_motion(live, monkeypatch):
+    monkeypatch.setattr("maxcon.drive.live.LONGEST_AGE", 0.5)
+    give_odometry(live, [0, 1])
+    give_priors(live, range(N_SCANS))
+    for epoch in range(N_SCANS):
+        give(live, epoch, 0.0)
+        (answer,) = live.answers(0.1)
+    assert answer.epoch.status is Status.LOCALIZED
+
+
 def test_a_tile_that_cannot_be_read_is_a_scan_without_an_answer(point_map):
     def localize(*_):
         raise MapError("tile 3 is broken")

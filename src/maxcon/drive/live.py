@@ -230,6 +230,8 @@ class LiveLocalizer:
     def _localized(self, taken: Taken) -> EpochEstimate:
         """Track the scan; look for it without a prior where that gives no place."""
         raw, odometry, priors, position = taken
+        if odometry is not None and raw.time - odometry.times[-1] > LONGEST_AGE:
+            odometry = None  # it has ended: priors tell the motion, too
         source = priors if odometry is None else odometry
         pose = None if source is None else pose_near(source, raw.time, self.drive.max_gap)
         motion = None if pose is None else self._motion(raw.time, pose, source, is_odometry=odometry is not None)
