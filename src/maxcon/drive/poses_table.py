@@ -52,10 +52,9 @@ LARGEST_HASHED = 2**26  # bytes; larger files (recordings) are known by path and
 
 def pose_values(epoch: EpochEstimate) -> dict[str, Any]:
     """Return what is known of an epoch, by the names of the columns, not rounded; a column left out has no value."""
-    values: dict[str, Any] = {"time": epoch.raw.time, "epoch": epoch.epoch, "status": epoch.status.value}
-    values["ms"] = epoch.milliseconds
-    for name, text in (("scan", epoch.raw.name), ("reason", epoch.reason)):  # names of files may be no UTF-8
-        values[name] = " ".join(text.encode(errors="replace").decode().split())
+    texts = {"scan": epoch.raw.name, "status": epoch.status.value, "reason": epoch.reason}  # not all is UTF-8 in names
+    values: dict[str, Any] = {"time": epoch.raw.time, "epoch": epoch.epoch, "ms": epoch.milliseconds}
+    values |= {name: " ".join(text.encode(errors="replace").decode().split()) for name, text in texts.items()}
     if epoch.estimate is not None:
         values["score"] = epoch.estimate.score
     if epoch.pose_global is None or epoch.estimate is None:

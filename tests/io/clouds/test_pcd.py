@@ -82,14 +82,10 @@ def test_lines_that_a_header_may_leave_out(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"FIELDS": "x y i"}, "one field 'z' of numbers among x"),
-        ({"COUNT": "2 1 1"}, "one field 'x'"),
-        ({"COUNT": "0 1 1"}, "of different lengths"),
-        ({"COUNT": "1 1 99999999999"}, "of different lengths"),
-        ({"SIZE": "4 4"}, "of different lengths"),
-        ({"SIZE": "4 4 3"}, "types other than F, U, I"),
-        ({"POINTS": "3"}, "3 points, WIDTH 2 and HEIGHT 1"),
-        ({"POINTS": "0", "WIDTH": "0"}, "got: 0 points"),
+        ({"FIELDS": "x y i"}, "one field 'z' of numbers among x"), ({"COUNT": "2 1 1"}, "one field 'x'"),
+        ({"COUNT": "0 1 1"}, "of different lengths"), ({"COUNT": "1 1 99999999999"}, "of different lengths"),
+        ({"SIZE": "4 4"}, "of different lengths"), ({"SIZE": "4 4 3"}, "types other than F, U, I"),
+        ({"POINTS": "3"}, "3 points, WIDTH 2 and HEIGHT 1"), ({"POINTS": "0", "WIDTH": "0"}, "got: 0 points"),
         ({"POINTS": "1e3"}, "whole numbers as POINTS.*'1e3'"),
         ({"DATA": "zip"}, "DATA 'zip', not ascii, binary, binary_compressed"),
         ({"COLOUR": "red", "DATA": None}, "header line 'COLOUR', not VERSION"),
@@ -97,7 +93,7 @@ def test_lines_that_a_header_may_leave_out(tmp_path):
         ({"DATA": "binary_compressed"}, "points of 24 bytes"),
         ({"POINTS": "3", "WIDTH": "3"}, "1 rows of numbers fewer: truncated"),
     ],
-)
+)  # fmt: skip
 def test_headers_that_cannot_be_are_refused(tmp_path, changes, words):
     with pytest.raises(FileError, match=rf"a\.pcd.*{words}"):
         read(tmp_path, header(**changes) + "1.00 2.00 3.00\n4.00 5.00 6.00\n")

@@ -80,12 +80,12 @@ def test_times_from_names(fill, names, times):
 
 
 def test_times_from_the_file_beside_the_scans(fill, tmp_path):
-    folder = fill("scan_2.bin", "scan_10.bin", "scan_1.bin")
+    folder = fill("scan_2.bin", "scan_10.bin", "scan_1\udce4.bin")
     (folder / "times.txt").write_text("# s\n10.5\n\n10.75 # the second\n11.0\n")
     (folder / "notes.md").write_text("left alone")
     (folder / "._scan_1.bin").write_text("left alone")
     scans = open_scans(folder)
-    assert [path.name for path in scans.paths] == ["scan_1.bin", "scan_2.bin", "scan_10.bin"]
+    assert [scans.name(number) for number in range(3)] == ["scan_1?.bin", "scan_2.bin", "scan_10.bin"]
     np.testing.assert_array_equal(scans.times, [10.5, 10.75, 11.0])
     (tmp_path / "other.txt").write_text("1\n2\n3\n")
     np.testing.assert_array_equal(open_scans(folder, tmp_path / "other.txt").times, [1, 2, 3])

@@ -87,7 +87,8 @@ def test_without_a_reference_nothing_is_called_right_or_wrong(drive, page):
     assert "arther than" not in text
 
 
-def test_a_drive_of_which_nothing_is_localized_has_its_page(drive, page):
+def test_a_drive_of_which_nothing_is_localized_has_its_page(drive, page, tmp_path):
+    (tmp_path / "3.5.npz").write_bytes(b"none")  # nor can it be read
     rows = [row(0.5 + number, None, "few matches") for number in range(4)]
     text = page(replace(drive, rows=rows, prior=None, reference=None))
     assert "0 of 4 scans are localized." in text and "No answer has a covariance." in text

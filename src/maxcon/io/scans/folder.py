@@ -108,8 +108,8 @@ class ScanFolder(Scans):
     times: NDArray[np.float64]  # shape (n,); s, strictly increasing
 
     def name(self, i: int) -> str:
-        """Return the name of the file of scan number `i`."""
-        return self.paths[i].name
+        """Return the name of the file of scan number `i`; what is no UTF-8 in it, as "?"."""
+        return self.paths[i].name.encode(errors="replace").decode()
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
         """Return scan number `i`; parameters and errors as of any scans, MissingExtraError besides (PCD)."""

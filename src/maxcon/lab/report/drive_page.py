@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.version import __version__
-from maxcon.drive.localize import DriveOptions
+from maxcon.drive.localize import DriveOptions, read_epoch, scan_of
 from maxcon.drive.poses_table import COVARIANCES, PROTECTION_LEVELS
 from maxcon.errors import TrajectoryError
 from maxcon.estimate import Status
@@ -74,8 +74,8 @@ class ReportedDrive:
         return None if pose is None else self.point_map.frame.pose_to_local(pose)
 
     def scan(self, epoch: int) -> Scan:
-        """The scan of an epoch, read again."""
-        return Scan(self.scans.read(epoch, self.options.min_range, self.options.max_range).points)
+        """The scan of an epoch, read again; without points if it cannot be."""
+        return scan_of(read_epoch(self.scans, epoch, self.options)[0])
 
     def numbers(self, name: str) -> NDArray[np.float64]:
         """A column of the table, shape (n,); NaN where it is empty."""
