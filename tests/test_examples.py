@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).parents[1] / "examples"
-EXAMPLES = sorted(FOLDER.glob("*.py"))
+EXAMPLES = sorted({*FOLDER.glob("*.py")} - {*FOLDER.glob("*.launch.py")})  # those of ROS: tests/cli/test_live_node.py
 MAX_LINES = 60
 
 pytestmark = pytest.mark.documents

@@ -4,10 +4,12 @@
 
 import math
 import os
+import runpy
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace as Record
 
 import numpy as np
@@ -23,6 +25,7 @@ pytest.importorskip("cyclonedds")
 from maxcon.cli.ros2_node import CLOUD, DIAGNOSTICS, ODOMETRY, POSE, TRANSFORMS, Ros2Node
 from maxcon.io.ros2_wire import Ros2Wire
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 DOMAIN = 101 + os.getpid() % 100
 NOUGHT = np.zeros(36)
 STEP = Pose(0.3, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -60,8 +63,9 @@ class Player:
 
 @contextmanager
 def running(folder):
-    options = ["--ros2", "--domain", str(DOMAIN), "--tf-ahead", "0"]
-    process = subprocess.Popen([sys.executable, "-m", "maxcon", "live", str(folder), *options])
+    file = folder.with_name("params.yaml")
+    file.write_text(f"/maxcon: {{ros__parameters: {{domain: {DOMAIN}, ros2: true, tf_ahead: 0}}}}")
+    process = subprocess.Popen([sys.executable, "-m", "maxcon", "live", str(folder), "--params-file", str(file)])
     try:
         yield process
     finally:
@@ -91,6 +95,70 @@ def test_a_node_goes_on_behind_odometry_and_tiles_that_hold_nothing(monkeypatch,
     monkeypatch.setattr(town.map, "tile", lambda key: nothing)
     node._publish_thinned_map()
     assert published[-1]["width"] == 0
+
+
+@pytest.fixture
+def started(maxcon, monkeypatch):
+    """Run `maxcon live` up to the node; return what it was given, or how the command ended."""
+
+    def start(*words):
+        given = []
+        monkeypatch.setattr(
+            "maxcon.cli.ros2_node.Ros2Node",
+            lambda live, wire, topics, outputs: Record(run=lambda: given.append((live, topics, outputs))),
+        )
+        monkeypatch.setattr("maxcon.io.ros2_wire.Ros2Wire", lambda domain: None)
+        ended = maxcon("live", *words)
+        return given[0] if given else ended
+
+    return start
+
+
+def test_options_stand_in_a_file_of_parameters_as_ros_has_it(started, refused, tmp_path, monkeypatch):
+    """Of all sections that mean the node; the environment and what is typed count more."""
+    written_maps.write(tmp_path / "town.map", Town(11).map)
+    file = tmp_path / "params.yaml"
+    file.write_text(
+        "other: {ros__parameters: {points: /no}}\n/**:\n  ros__parameters: {use_sim_time: true, queue: 9, points: /a}\n"
+        f"maxcon:\n  ros__parameters: {{map: {tmp_path}/town.map, ros2: true, queue: 3, deskew: true, tf_ahead: 0}}\n"
+    )
+    live, topics, outputs = started("--params-file", file, "--fix", "/typed")
+    assert (topics.points, topics.fix, topics.deskew, topics.at_stamp) == ("/a", "/typed", True, False)
+    assert (live.options.queue, outputs.tf_ahead, outputs.map_frame) == (3, 0.0, "map")
+    for text, words in (
+        ("maxcon: {ros__parameters: {delai: 1}}", ["delay, deskew", "got delai"]),
+        ("maxcon: {ros__parameters: {queue: [1]}}", ["got queue with a value that is no single one"]),
+        ("other: {ros__parameters: {queue: 1}}", ["`maxcon:` with `ros__parameters:`"]),
+        ("maxcon: {queue: 1}", ["`maxcon:` with `ros__parameters:`"]), ("maxcon: {a: [", ["to be YAML", "line 1"]),
+        ("maxcon: !!python/object:os.system {}", ["to be YAML", "could not determine a constructor"]),
+        ("[" * 5000, ["to be YAML"]), (None, ["params.yaml", "no such file"]),
+    ):  # fmt: skip
+        file.unlink() if text is None else file.write_text(text)
+        refused(started("--params-file", file), *words)
+    file.write_text("maxcon: {ros__parameters: {queue: 2.7}}")
+    ended = started("--params-file", file, tmp_path / "town.map", "--ros2")
+    assert ended.code == 2 and "'--queue'" in ended.err
+
+
+def test_the_launch_file_starts_the_command_with_its_parameters(started, tmp_path, monkeypatch):
+    """As far as it can be told without ROS: modules of `launch` that keep what they are given take its place."""
+    written_maps.write(tmp_path / "town.map", Town(11).map)
+
+    def kept(name):
+        return lambda *what, **how: (name, what, how)
+
+    for module, names in (
+        ("launch", ["LaunchDescription"]),
+        ("launch.actions", ["DeclareLaunchArgument", "ExecuteProcess"]),
+        ("launch.substitutions", ["LaunchConfiguration"]),
+    ):
+        monkeypatch.setitem(sys.modules, module, Record(**{name: kept(name) for name in names}))
+    launched = runpy.run_path(str(EXAMPLES / "live.launch.py"))["generate_launch_description"]()
+    *arguments, process = launched[1][0]
+    values = {what[0]: how.get("default_value", tmp_path / "town.map") for _, what, how in arguments}
+    program, *words = [word if isinstance(word, str) else values[word[1][0]] for word in process[2]["cmd"]]
+    _, topics, _ = started(*words[1:])
+    assert (program, words[0], topics.points, topics.deskew) == ("maxcon", "live", "/lidar/points", True)
 
 
 @pytest.mark.kills

@@ -52,10 +52,8 @@ def test_tables_that_cannot_be_written_are_told_first(maxcon, refused, localize,
     monkeypatch.setattr("maxcon.drive.localize.Drive.of", None)
     (out / "file").touch()
     for path, got in (
-        (out / "file" / "poses.csv", "Not a directory"),
-        (out / ("a" * 300), "too long"),
-        (out, "folder"),
-    ):
+        (out / "file" / "poses.csv", "Not a directory"), (out / ("a" * 300), "too long"), (out, "folder"),
+    ):  # fmt: skip
         arguments = (path,) if option == "-o" else (out / "poses.csv", option, path)
         refused(maxcon(*localize, *arguments), path, got)
     assert sorted(path.name for path in out.iterdir()) == ["file"]

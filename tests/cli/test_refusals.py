@@ -61,10 +61,8 @@ def test_scans_of_no_use(not_localized, drive, tmp_path):
 def test_maps_of_no_use(not_localized, maxcon, refused, drive, tmp_path):
     (tmp_path / "notes.txt").touch()
     for name, got in (
-        ("a" * 300, "too long"),
-        ("missing.map", "no manifest.json there"),
-        ("notes.txt", "Not a directory"),
-    ):
+        ("a" * 300, "too long"), ("missing.map", "no manifest.json there"), ("notes.txt", "Not a directory"),
+    ):  # fmt: skip
         not_localized(name, got, city=tmp_path / name)
         refused(maxcon("map", "info", tmp_path / name), name, got)
     city = shutil.copytree(drive.city, tmp_path / "city.map")

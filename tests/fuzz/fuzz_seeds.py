@@ -168,15 +168,13 @@ POSITIONS = """time,latitude,longitude,ellipsoidal_height,heading_deg,sigma_x,si
 KITTI = "".join(f"1 0 0 {i}.5 0 1 0 2.25 0 0 1 0.125\n" for i in range(4))
 CONTROL = "name,x,y,z,east,north,height,sigma\na,1,2,3,550001,5802002,53,0.02\nb,4,5,6,550004,5802005,56,\n"
 TEXTS = (
-    ("kitti", "poses of scans", "kitti.txt", KITTI),
-    ("control", "control points", "control.csv", CONTROL),
+    ("kitti", "poses of scans", "kitti.txt", KITTI), ("control", "control points", "control.csv", CONTROL),
     ("scanners", "mounting", "mounting.toml", MOUNTING),
     ("mounting", "mounting", "mounting.toml", MOUNTING.replace("scanner.front", "sensor").partition("topic")[0]),
     ("dataset.toml", "dataset", "dataset.toml", DATASET),
     ("study.json", "study", "study.json", json.dumps(CONFIGURATION, indent=1)),
-    ("latitudes", "positions", "gnss.csv", POSITIONS),
-    ("times", "times", "times.txt", "1.5\n2.5\n"),
-)
+    ("latitudes", "positions", "gnss.csv", POSITIONS), ("times", "times", "times.txt", "1.5\n2.5\n"),
+)  # fmt: skip
 
 
 def _texts() -> Iterator[Seed]:

@@ -71,11 +71,9 @@ def test_what_is_raised_is_told_apart(monkeypatch, tmp_path, error, said):
 
 
 HARMS = {
-    "hangs": lambda: time.sleep(600),
-    "ends": os.abort,
-    "asks": lambda: bytearray(2**34),
+    "hangs": lambda: time.sleep(600), "ends": os.abort, "asks": lambda: bytearray(2**34),
     "takes": lambda: b"x" * (2**30 + 2**27),
-}
+}  # fmt: skip
 
 
 def harmful_work(told, harm, folder):

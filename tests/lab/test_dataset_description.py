@@ -126,16 +126,13 @@ def test_names_longer_than_any_file_system_takes(folder, key):
 @pytest.mark.parametrize(
     "text",
     [
-        ".".join("a" * 20_000) + " = 1",
-        "x = 1\n[" + ".".join(["'a'"] * 20_000) + "]",
+        ".".join("a" * 20_000) + " = 1", "x = 1\n[" + ".".join(["'a'"] * 20_000) + "]",
         " . ".join(['"a b"'] * 10_000) + " = 1",
         "[map]\n" + "\n".join(".".join(["a"] * 100 + [str(number)]) + " = 1" for number in range(1000)),
-        "a = " + "[" * 100_000,
-        "a = " + "{a=" * 50_000,
-        "a" * 1_000_000,
+        "a = " + "[" * 100_000, "a = " + "{a=" * 50_000, "a" * 1_000_000,
     ],
     ids=["dotted", "header", "quoted", "many", "lists", "tables", "word"],
-)
+)  # fmt: skip
 def test_deep_keys_are_refused_in_little_memory(folder, text):
     tracemalloc.start()
     started = time.monotonic()

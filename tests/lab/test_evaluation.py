@@ -176,11 +176,9 @@ def test_each_epoch_lies_in_one_region_and_is_as_bad_as_its_worst_direction():
 
 def test_trusted_answers_go_first_and_each_by_its_runner_up():
     found = RiskCoverage.of(
-        is_right=[True, False, True, False, True, False],
-        is_answer=[True, True, True, True, True, False],
-        is_trusted=[True, True, True, False, False, False],
-        runner_up=[0.5, 0.7, 0.2, 0.1, np.nan, np.nan],
-    )
+        is_right=[True, False, True, False, True, False], is_answer=[True, True, True, True, True, False],
+        is_trusted=[True, True, True, False, False, False], runner_up=[0.5, 0.7, 0.2, 0.1, np.nan, np.nan],
+    )  # fmt: skip
     np.testing.assert_array_equal(found.n_accepted, [1, 2, 3, 4, 5])
     np.testing.assert_array_equal(found.n_wrong, [0, 0, 1, 2, 2])
     np.testing.assert_allclose(found.shares, np.arange(1, 6) / 6.0)

@@ -170,14 +170,11 @@ def test_counts_are_those_of_azimuths(seed):
 @pytest.mark.parametrize(
     ("vertical", "residual", "n_points", "wanted"),
     [
-        (0.0, 0.0, 19, None),
-        (0.0, 0.0, 20, WallShare(math.radians(15), 20, 20)),
-        (0.0, 0.079, 30, WallShare(math.radians(15), 30, 30)),
-        (0.0, 0.081, 30, WallShare(math.radians(15), 30, 0)),
-        (0.49, 0.0, 30, WallShare(math.radians(15), 30, 30)),
-        (0.51, 0.0, 30, None),
+        (0.0, 0.0, 19, None), (0.0, 0.0, 20, WallShare(math.radians(15), 20, 20)),
+        (0.0, 0.079, 30, WallShare(math.radians(15), 30, 30)), (0.0, 0.081, 30, WallShare(math.radians(15), 30, 0)),
+        (0.49, 0.0, 30, WallShare(math.radians(15), 30, 30)), (0.51, 0.0, 30, None),
     ],
-)
+)  # fmt: skip
 def test_what_a_wall_point_is_and_when_it_is_found(vertical, residual, n_points, wanted):
     normals = np.tile([math.sqrt(1.0 - vertical**2), 0.0, vertical], (n_points, 1))
     nothing = np.zeros((n_points, 4))

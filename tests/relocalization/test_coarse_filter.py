@@ -65,11 +65,9 @@ def towns():
 
 
 @given(
-    number=st.integers(0, len(TOWNS) - 1),
-    seed=st.integers(0, 1000),
-    ratio=st.floats(0.3, 1.0),
+    number=st.integers(0, len(TOWNS) - 1), seed=st.integers(0, 1000), ratio=st.floats(0.3, 1.0),
     n_threads=st.integers(1, 3),
-)
+)  # fmt: skip
 def test_it_finds_the_cells_and_counts_of_the_definition(towns, number, seed, ratio, n_threads):
     (town, regions), (middle, _) = towns[number], TOWNS[number]
     rng = np.random.default_rng(seed)

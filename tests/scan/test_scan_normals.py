@@ -92,13 +92,11 @@ VLP_32C = (
     10.333, 15.0,
 )  # fmt: skip
 RINGS_DEG = {
-    "8 rings": np.linspace(-10.0, 10.0, 8),
-    "16 rings": np.linspace(-15.0, 15.0, 16),
+    "8 rings": np.linspace(-10.0, 10.0, 8), "16 rings": np.linspace(-15.0, 15.0, 16),
     "32 uneven rings": np.array(VLP_32C),
     "64 rings in two blocks": np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.87, -24.33, 32)]),
-    "64 rings": np.linspace(-22.5, 22.5, 64),
-    "128 rings": np.linspace(-22.5, 22.5, 128),
-}
+    "64 rings": np.linspace(-22.5, 22.5, 64), "128 rings": np.linspace(-22.5, 22.5, 128),
+}  # fmt: skip
 
 
 def room():

@@ -172,12 +172,10 @@ def assert_as_defined(points):
 
 
 RINGS_DEG = {
-    "1 ring": [1.0],
-    "8 rings": np.linspace(-10.0, 10.0, 8),
-    "16 rings": np.linspace(-15.0, 15.0, 16),
+    "1 ring": [1.0], "8 rings": np.linspace(-10.0, 10.0, 8), "16 rings": np.linspace(-15.0, 15.0, 16),
     "uneven rings": [-25.0, -16.0, -11.0, -8.0, -6.0, -5.0, -4.3, -3.7, -3.3, -3.0, -2.7, -2.0, 0.3, 3.3, 10.3],
     "64 rings": np.linspace(-24.0, 2.0, 64),
-}
+}  # fmt: skip
 
 
 def beams_of(layout, azimuth, rng, n=900):

@@ -38,11 +38,9 @@ def random_points(rng, n, spread):
 
 
 @given(
-    seed=st.integers(0, 2**32),
-    n=st.integers(1, 80) | st.just(1500),
-    spread=st.sampled_from([0.0, 0.4, 2.0, 30.0]),
+    seed=st.integers(0, 2**32), n=st.integers(1, 80) | st.just(1500), spread=st.sampled_from([0.0, 0.4, 2.0, 30.0]),
     edge=st.sampled_from([0.25, 0.3, 1.0, 100.0]),
-)
+)  # fmt: skip
 def test_one_point_of_each_cube_is_kept(seed, n, spread, edge):
     points, normals = random_points(np.random.default_rng(seed), n, spread)
     assert one_per_cube(points, normals, edge).tolist() == plainly(points, normals, edge)

@@ -278,11 +278,9 @@ def test_very_full_voxels(seed):
 
 
 @given(
-    n_points=st.integers(0, 2**20),
-    fullest=st.integers(1, 2**31),
-    is_once=st.booleans(),
+    n_points=st.integers(0, 2**20), fullest=st.integers(1, 2**31), is_once=st.booleans(),
     objective=st.sampled_from(OBJECTIVES),
-)
+)  # fmt: skip
 def test_sums_fit_in_their_integers_in_units_no_coarser_than_that_asks_for(n_points, fullest, is_once, objective):
     tiles = {0: SimpleNamespace(fullest=1), 3: SimpleNamespace(fullest=fullest)}
     prepared = SimpleNamespace(n_points=n_points, is_once=is_once, tiles=tiles)

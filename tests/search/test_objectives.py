@@ -124,11 +124,9 @@ def test_bounds_by_hand(along, across, helmert_bound, least):
 
 
 @given(
-    SEEDS,
-    st.integers(1, 60),
-    st.none() | st.floats(-np.pi, np.pi),
+    SEEDS, st.integers(1, 60), st.none() | st.floats(-np.pi, np.pi),
     st.sampled_from([0.0, 1e-3]) | st.floats(0.0, np.pi),
-)
+)  # fmt: skip
 def test_bounds_hold_for_scores_as_they_are_computed_in_any_axes(seed, n, azimuth, spread):
     """Nearly singular, where the rounding of scores is at its largest, and in the axes of N, the tightest, too."""
     moments = moments_of(directions(seed, n, spread), np.random.default_rng(seed).uniform(0.0, 1.0, n))

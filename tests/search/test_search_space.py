@@ -85,20 +85,17 @@ def test_headings_alone_or_one_pose_alone():
         ((3.0, 0.07), r"half width of the offsets to be a multiple of its step, got 3.0 m and 0.07 m\. Take 3.01 m\?"),
         ((3.0, 0.06, 2.0, 0.3), r"half width of the headings .*got 2.0 degrees and 0.3 degrees\. Take 2.1 degrees\?"),
         ((-3.0, 0.06), r"half width >= 0 and a step > 0 for the offsets, got -3.0 m and 0.06 m"),
-        ((3.0, 0.0), r"a step > 0 for the offsets, got 3.0 m and 0.0 m"),
-        ((3.0, -0.06), "a step > 0 for the offsets"),
+        ((3.0, 0.0), r"a step > 0 for the offsets, got 3.0 m and 0.0 m"), ((3.0, -0.06), "a step > 0 for the offsets"),
         ((3.0, math.nan), "a step > 0 for the offsets, got 3.0 m and nan m"),
         ((math.inf, 0.06), "half width >= 0 .*got inf m"),
         ((3.0, 0.06, math.nan, 0.5), "for the headings, got nan degrees"),
-        ((3.0, 0.06, 2.0, 0.0), "a step > 0 for the headings"),
-        ((3.0, 0.06, 2.0, 0.5, 1.0), "1.02 m"),
-        ((3.0, 0.06, 2.0, 0.5, -0.06), ">= 0"),
-        ((3.0, 0.06, 2.0, 0.5, math.inf), "inf"),
+        ((3.0, 0.06, 2.0, 0.0), "a step > 0 for the headings"), ((3.0, 0.06, 2.0, 0.5, 1.0), "1.02 m"),
+        ((3.0, 0.06, 2.0, 0.5, -0.06), ">= 0"), ((3.0, 0.06, 2.0, 0.5, math.inf), "inf"),
         *(((value,), "half width >= 0 for the offsets") for value in (-1.0, math.nan, math.inf)),
         *(((3.0, None, value), "half width >= 0 for the headings") for value in (-1.0, math.nan, math.inf)),
         ((3000.0, 0.06, 180.0, 0.01), r"at most 68,719,476,736 cells .* got 3\.6e\+14: 36,001 headings of"),
     ],
-)
+)  # fmt: skip
 def test_what_is_refused(arguments, words):
     with pytest.raises(SearchSpaceError, match=words) as caught:
         SearchSpace(*arguments)

@@ -38,11 +38,9 @@ def planned_plainly(starts, columns):
 
 
 GROUPS = {
-    "seed": SEEDS,
-    "n_groups": st.integers(0, 20),
-    "n_headings": st.integers(1, 9),
+    "seed": SEEDS, "n_groups": st.integers(0, 20), "n_headings": st.integers(1, 9),
     "drift": st.sampled_from([0, 2, 10, 60]),
-}
+}  # fmt: skip
 
 
 @given(**GROUPS, spread=st.sampled_from([1, 1000, 2**29]))

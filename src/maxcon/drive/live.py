@@ -94,14 +94,9 @@ class LiveLocalizer:
     """
 
     def __init__(
-        self,
-        point_map: PointMap,
-        method: MaximumConsensus | None = None,
-        noise: MotionNoise | None = None,
-        options: LiveOptions | None = None,
-        *,
-        drive: DriveOptions | None = None,
-    ) -> None:
+        self, point_map: PointMap, method: MaximumConsensus | None = None, noise: MotionNoise | None = None,
+        options: LiveOptions | None = None, *, drive: DriveOptions | None = None,
+    ) -> None:  # fmt: skip
         self.map, self.options, self.drive = point_map, options or LiveOptions(), drive or DriveOptions()
         self._method, self._noise = method or MaximumConsensus(), noise or MotionNoise()
         n_threads = self._method.n_threads

@@ -98,15 +98,9 @@ class EpochEstimate:
 
 
 def localize_drive(
-    point_map: PointMap,
-    scans: Scans,
-    prior: Trajectory,
-    method: Method,
-    options: DriveOptions | None = None,
-    *,
-    first: int = 0,
-    n_threads: int = 1,
-) -> Iterator[EpochEstimate]:
+    point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions | None = None, *,
+    first: int = 0, n_threads: int = 1,
+) -> Iterator[EpochEstimate]:  # fmt: skip
     """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
 
     - point_map: the map.

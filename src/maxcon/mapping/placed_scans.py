@@ -96,16 +96,10 @@ class PlacedScans(CloudReader):
 
 
 def map_of_drive(
-    placed: PlacedScans,
-    out: str | os.PathLike[str],
-    options: MapOptions | None = None,
-    *,
-    keep_moving: bool = False,
-    overwrite: bool = False,
-    n_threads: int | None = None,
-    engine: Engine | None = None,
+    placed: PlacedScans, out: str | os.PathLike[str], options: MapOptions | None = None, *, keep_moving: bool = False,
+    overwrite: bool = False, n_threads: int | None = None, engine: Engine | None = None,
     progress: Progress | None = None,
-) -> Manifest:
+) -> Manifest:  # fmt: skip
     """Build a map of the scans of a drive; what later rays went through is gone, as `update_map` says it.
 
     - placed: the scans.

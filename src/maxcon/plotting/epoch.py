@@ -44,16 +44,9 @@ if TYPE_CHECKING:
 
 
 def plot_epoch(
-    path: str | os.PathLike[str],
-    *,
-    accumulator: Accumulator,
-    objective: Objective | str,
-    estimate: Estimate,
-    scan: Scan,
-    point_map: PointMap,
-    title: str,
-    reference: Pose | None = None,
-) -> None:
+    path: str | os.PathLike[str], *, accumulator: Accumulator, objective: Objective | str, estimate: Estimate,
+    scan: Scan, point_map: PointMap, title: str, reference: Pose | None = None,
+) -> None:  # fmt: skip
     """Draw the search space of an epoch, heading by heading, and the scan in the map from above.
 
     - path: a .png or .svg to write.

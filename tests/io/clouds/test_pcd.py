@@ -106,11 +106,9 @@ def test_other_files_and_compressed_sizes_that_lie_are_refused(tmp_path):
     whole = compressed(tmp_path)
     at = whole.index(b"DATA binary_compressed\n") + 23
     for packed, unpacked, words in (
-        (2**32 - 1, 600, "bytes of points, not .*truncated"),
-        (100, 2**32 - 1, "points of 600 bytes"),
-        (1, 600, "1 bytes that unpack to 600"),
-        (50, 600, "to be a PCD file of .*, complete"),
-    ):
+        (2**32 - 1, 600, "bytes of points, not .*truncated"), (100, 2**32 - 1, "points of 600 bytes"),
+        (1, 600, "1 bytes that unpack to 600"), (50, 600, "to be a PCD file of .*, complete"),
+    ):  # fmt: skip
         with pytest.raises(FileError, match=words):
             read(tmp_path, whole[:at] + struct.pack("<II", packed, unpacked) + whole[at + 8 :])
 

@@ -10,10 +10,8 @@ from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
 from read_clouds import read_cloud
 
 ROWS = [
-    (550_000.25, 5_802_000.5, 61.125, 2, 7.5),
-    (550_001.5, 5_802_001.0, 62.0, 6, 8.5),
-    (1.0, 2.0, float("nan"), 6, 9),
-]
+    (550_000.25, 5_802_000.5, 61.125, 2, 7.5), (550_001.5, 5_802_001.0, 62.0, 6, 8.5), (1.0, 2.0, float("nan"), 6, 9),
+]  # fmt: skip
 
 
 def _write(tmp_path, lines, name="a.xyz"):

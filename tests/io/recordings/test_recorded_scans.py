@@ -172,12 +172,10 @@ def test_what_is_no_recording_and_what_lies_beside_scans(tmp_path):
     (tmp_path / "empty.bag").touch()
     os.mkfifo(tmp_path / "pipe.mcap")
     for name, words in (
-        ("drive.bag", "no such file"),
-        ("folder.mcap", "folder"),
-        ("empty.bag", "seems to be empty"),
+        ("drive.bag", "no such file"), ("folder.mcap", "folder"), ("empty.bag", "seems to be empty"),
         ("pipe.mcap", "which is no file"),
         *((name, "Expected") for name in ("long" * 100 + ".bag", "long" * 100, "nul\0.mcap")),
-    ):
+    ):  # fmt: skip
         with pytest.raises(FileError, match=words):
             open_scans(tmp_path / name)
     with pytest.raises(OptionError, match="asked of a recording"):

@@ -77,11 +77,9 @@ class Street:
         """Return a pose that is off by that much in street axes, m, and degrees."""
         c, s = math.cos(self.angle), math.sin(self.angle)
         return replace(
-            self.sensor,
-            x=self.sensor.x + c * along - s * across,
-            y=self.sensor.y + s * along + c * across,
+            self.sensor, x=self.sensor.x + c * along - s * across, y=self.sensor.y + s * along + c * across,
             heading=self.sensor.heading + math.radians(turn_deg),
-        )
+        )  # fmt: skip
 
     def error(self, pose):
         """(along, across) in street axes, m."""

@@ -84,14 +84,12 @@ def test_a_map_that_is_gone_takes_its_targets_along(street_scan, street):
 
 
 METHODS = [
-    lambda **shared: Icp("plane", 1.0, **shared),
-    lambda **shared: Icp("point", 1.0, **shared),
-    lambda **shared: Icp("plane", 3.0, target_edge=0.5, **shared),
-    lambda **shared: Gicp(3.0, **shared),
+    lambda **shared: Icp("plane", 1.0, **shared), lambda **shared: Icp("point", 1.0, **shared),
+    lambda **shared: Icp("plane", 3.0, target_edge=0.5, **shared), lambda **shared: Gicp(3.0, **shared),
     lambda **shared: Gicp(3.0, n_neighbours=20, **shared),
     lambda **shared: MultiStart(Icp("plane", 1.0, **shared), n_side=2),
     lambda **shared: CountThenGicp(gicp=Gicp(3.0, **shared)),
-]
+]  # fmt: skip
 
 
 def test_methods_that_share_answer_as_alone_whatever_was_localized_before(same, street, street_map, street_scan):

@@ -62,11 +62,9 @@ def test_a_scan_is_prepared_once_for_all_starts():
 
 def test_by_overlap_the_end_nearest_to_the_map_wins_and_says_its_own_word():
     ends = [
-        estimate(1.0, 0.0, 9.0),
-        estimate(2.0, 0.0, 5.0, Status.NOT_CONVERGED),
-        estimate(3.0, 0.0, 5.0),
+        estimate(1.0, 0.0, 9.0), estimate(2.0, 0.0, 5.0, Status.NOT_CONVERGED), estimate(3.0, 0.0, 5.0),
         estimate(4.0, 0.0, 7.0),
-    ]
+    ]  # fmt: skip
     overlaps = {(1.0, 0.3): 3, (2.0, 0.3): 8, (3.0, 0.3): 8, (4.0, 0.3): 7}
     many = MultiStart(Recorded(ends, overlaps), n_side=2, choice="overlap")
     found = many.localize(Scan(np.empty((0, 3))), object(), CENTRE)

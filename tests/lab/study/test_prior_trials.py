@@ -33,12 +33,10 @@ def row(method, epoch=0, level="12 m, 10°", *, good=True, right=True, distance=
 
 
 ROWS = [
-    row("maxcon", 0, ms=10.0),
-    row("maxcon", 1, right=False, distance=5.0, ms=20.0),
-    row("maxcon", 2, good=False, distance=0.2, ms=40.0),
-    row("a", 0, good=False, right=False, distance=3.0, ms=1.0),
+    row("maxcon", 0, ms=10.0), row("maxcon", 1, right=False, distance=5.0, ms=20.0),
+    row("maxcon", 2, good=False, distance=0.2, ms=40.0), row("a", 0, good=False, right=False, distance=3.0, ms=1.0),
     row("maxcon", 0, "3 m, 2°", distance=0.05, ms=7.0),
-]
+]  # fmt: skip
 LEVELS = [prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0)]
 
 

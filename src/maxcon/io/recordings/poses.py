@@ -37,16 +37,9 @@ VEHICLE = "base_link"  # frame of a vehicle, by the convention of ROS: x forward
 
 
 def read_recorded_poses(
-    path: str | os.PathLike[str],
-    topic: str | None = None,
-    crs: str | None = None,
-    geoid_height: float | None = None,
-    *,
-    is_odometry: bool = False,
-    are_sure: bool = False,
-    frames: tuple[str, str] | None = None,
-    sensor_frame: str = "",
-) -> RecordedPoses:
+    path: str | os.PathLike[str], topic: str | None = None, crs: str | None = None, geoid_height: float | None = None,
+    *, is_odometry: bool = False, are_sure: bool = False, frames: tuple[str, str] | None = None, sensor_frame: str = "",
+) -> RecordedPoses:  # fmt: skip
     """Return the poses in a recording.
 
     - path: the recording.

@@ -77,15 +77,9 @@ class DatasetOptions(TypedDict, total=False):
 
 
 def simulate(
-    out: str | os.PathLike[str],
-    *,
-    n_epochs: int = 40,
-    before: float = 75.0,
-    after: float = 50.0,
-    mapping_wait: float = 0.0,
-    prior_errors: PriorErrors | None = None,
-    **options: Unpack[DatasetOptions],
-) -> Dataset:
+    out: str | os.PathLike[str], *, n_epochs: int = 40, before: float = 75.0, after: float = 50.0,
+    mapping_wait: float = 0.0, prior_errors: PriorErrors | None = None, **options: Unpack[DatasetOptions],
+) -> Dataset:  # fmt: skip
     """Write a seeded dataset: a city is mapped, and driven through on another day.
 
     out: folder to write; it appears only when all in it is complete.
@@ -111,14 +105,9 @@ def simulate(
 
 
 def simulate_campaign(
-    out: str | os.PathLike[str],
-    *,
-    n_epochs: int = MOST_EPOCHS,
-    every: float | None = None,
-    is_hard: bool = False,
-    n_rounds: int = 5,
-    **options: Unpack[DatasetOptions],
-) -> Dataset:
+    out: str | os.PathLike[str], *, n_epochs: int = MOST_EPOCHS, every: float | None = None, is_hard: bool = False,
+    n_rounds: int = 5, **options: Unpack[DatasetOptions],
+) -> Dataset:  # fmt: skip
     """Write a seeded campaign: a circuit through an inner city is mapped in rounds, and driven on another day.
 
     n_epochs: how many scans. 3001 are 0.1 s apart and take the 300 s of the round; fewer are chosen from these, spread
@@ -205,16 +194,9 @@ def _dataset_folder(out: str | os.PathLike[str], options: DatasetOptions) -> Abs
 
 
 def _write(
-    folder: Path,
-    world: World,
-    epochs: Sequence[Epoch],
-    priors: Mapping[str, Sequence[Pose]],
-    options: DatasetOptions,
-    words: str,
-    *,
-    classes: Iterable[LasClass] = tuple(LasClass)[1:],
-    map_sigma: float | None = None,
-) -> None:
+    folder: Path, world: World, epochs: Sequence[Epoch], priors: Mapping[str, Sequence[Pose]], options: DatasetOptions,
+    words: str, *, classes: Iterable[LasClass] = tuple(LasClass)[1:], map_sigma: float | None = None,
+) -> None:  # fmt: skip
     """Measure map and scans, and write them, streamed, with their poses and the description.
 
     words: what the dataset is, for the comment at the top: seed and number of epochs.

@@ -224,18 +224,11 @@ class StudyJob:
 
 
 def run_study(
-    dataset: Dataset,
-    folder: str | os.PathLike[str],
-    methods: Sequence[StudyMethod],
-    *,
-    priors: Sequence[str] | None = None,
-    n_epochs: int | None = None,
-    n_workers: int | None = None,
-    options: DriveOptions | None = None,
-    progress: Progress | None = None,
-    scheduler: str | None = None,
+    dataset: Dataset, folder: str | os.PathLike[str], methods: Sequence[StudyMethod], *,
+    priors: Sequence[str] | None = None, n_epochs: int | None = None, n_workers: int | None = None,
+    options: DriveOptions | None = None, progress: Progress | None = None, scheduler: str | None = None,
     warn: Callable[[str], None] | None = None,
-) -> Study:
+) -> Study:  # fmt: skip
     """Let methods localize epochs of a dataset; rows that are in the folder already are not made again.
 
     - dataset: map, scans, reference and priors.

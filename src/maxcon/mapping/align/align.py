@@ -138,15 +138,10 @@ def align(
 
 
 def align_files(
-    clouds: Sequence[str | os.PathLike[str]],
-    out: str | os.PathLike[str],
-    options: AlignmentOptions | None = None,
-    *,
-    trajectories: Sequence[str | os.PathLike[str]] = (),
-    overwrite: bool = False,
-    n_threads: int | None = None,
+    clouds: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str], options: AlignmentOptions | None = None, *,
+    trajectories: Sequence[str | os.PathLike[str]] = (), overwrite: bool = False, n_threads: int | None = None,
     progress: Progress | None = None,
-) -> Alignment:
+) -> Alignment:  # fmt: skip
     """Bring the passes of some clouds together, and write corrected clouds, trajectories and tables.
 
     - clouds: LAS or LAZ files, in any number of tiles.

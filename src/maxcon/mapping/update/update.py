@@ -42,14 +42,9 @@ AROUND = (-1, 0, 1)
 
 
 def update_map(
-    parent: str | os.PathLike[str],
-    drives: Sequence[LocalizedDrive],
-    out: str | os.PathLike[str],
-    options: UpdateOptions | None = None,
-    *,
-    overwrite: bool = False,
-    progress: Progress | None = None,
-) -> Manifest:
+    parent: str | os.PathLike[str], drives: Sequence[LocalizedDrive], out: str | os.PathLike[str],
+    options: UpdateOptions | None = None, *, overwrite: bool = False, progress: Progress | None = None,
+) -> Manifest:  # fmt: skip
     """Write the next version of a map; the map itself is not touched, and nothing that was measured is deleted.
 
     Memory is bounded by the tiles in reach of a few observations, not by the drives.
