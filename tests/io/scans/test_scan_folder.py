@@ -85,7 +85,7 @@ def test_times_from_the_file_beside_the_scans(fill, tmp_path):
     (folder / "notes.md").write_text("left alone")
     (folder / "._scan_1.bin").write_text("left alone")
     scans = open_scans(folder)
-    assert [scans.name(number) for number in range(3)] == ["scan_1?.bin", "scan_2.bin", "scan_10.bin"]
+    assert [scan.name for scan in scans.scans()] == ["scan_1?.bin", "scan_2.bin", "scan_10.bin"]
     np.testing.assert_array_equal(scans.times, [10.5, 10.75, 11.0])
     (tmp_path / "other.txt").write_text("1\n2\n3\n")
     np.testing.assert_array_equal(open_scans(folder, tmp_path / "other.txt").times, [1, 2, 3])

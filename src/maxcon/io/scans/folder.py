@@ -114,7 +114,7 @@ class ScanFolder(Scans):
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
         """Return scan number `i`; parameters and errors as of any scans, MissingExtraError besides (PCD)."""
         time = float(self.times[i])
-        return scan_within(self.cloud(i), time, time, self.paths[i].name, min_range, max_range)
+        return scan_within(self.cloud(i), time, time, self.name(i), min_range, max_range)
 
     def cloud(self, i: int) -> CloudPoints:
         """Return the returns of scan number `i`; errors as of `read`."""
