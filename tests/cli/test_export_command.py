@@ -19,13 +19,13 @@ def test_a_drive_is_exported_in_the_crs_of_its_map(maxcon, poses, drive, tmp_pat
     assert ended.code == 0 and re.fullmatch("warning: longitudes and .* ETRS89 to WGS 84 .*, exact to 1 m\n", ended.err)
     assert ended.out == f"4 of 4 epochs have a pose; written to {tmp_path / 'a.geojson'}\n"
     longitude, latitude, _ = places_of(tmp_path / "a.geojson")[0]
-    assert 9.0 < longitude < 10.0
-    assert 52.0 < latitude < 53.0
+    assert 9.0 < longitude < 10.0 and 52.0 < latitude < 53.0
+    assert maxcon("export", poses, "-o", tmp_path / "b.geojson").code == 0  # the table says the CRS, too
+    assert places_of(tmp_path / "b.geojson") == places_of(tmp_path / "a.geojson")
 
 
 def test_what_cannot_be_exported_is_one_line(maxcon, refused, poses, drive, tmp_path):
     for options, words in (
-        (("-o", tmp_path / "b.kml"), ["--map"]),
         (("-o", tmp_path / "b.kml", "--map", drive.city, "--crs", "EPSG:25832"), ["both"]),
         (("-o", poses), ["another file"]),
         (("-o", tmp_path / "b.laz"), ["--scans for"]),

@@ -61,7 +61,7 @@ def export_poses(
         ROS 2; needs the extra recordings), `.rrd` (Rerun; needs the extra view), `.tum`, `.kitti` (and the times beside
         it, `.times.txt`), or `.csv` with angles in degrees and compass bearings.
     crs : str, optional
-        Code or WKT of the coordinates, which the table does not say: that of the map.
+        Code or WKT of the coordinates, that of the map; where it has a code, the table says it, too.
     point_map, scans, min_range, max_range : optional
         Map and scans of the table, which `.mcap` and `.rrd` show, thinned, without points nearer or farther, m.
     has_scores : bool
@@ -81,7 +81,7 @@ def export_poses(
     MissingExtraError: if the package for the format is not installed.
     """
     path, suffix = Path(out), Path(out).suffix.lower()
-    rows = _rows_to_export(table, suffix, EXPORT_SUFFIXES)
+    rows, crs = _rows_to_export(table, suffix, EXPORT_SUFFIXES, crs)
     if suffix in _WRITERS:
         _WRITERS[suffix](path, rows, _check_crs(crs) if suffix in _NEEDING_CRS else crs)
         return rows
@@ -105,15 +105,15 @@ def export_scans(
     min_range, max_range: points nearer or farther than this are left out, m.
     Other errors as of `export_poses`.
     """
-    rows = _rows_to_export(table, Path(out).suffix.lower(), SCAN_SUFFIXES)
+    rows, crs = _rows_to_export(table, Path(out).suffix.lower(), SCAN_SUFFIXES, crs)
     return rows, write_placed_scans(Path(out), rows, scans, _check_crs(crs), min_range, max_range)
 
 
 def _check_crs(crs: str | None) -> str:
     if crs is None:
         raise CrsError(
-            "Expected a CRS to export to this format, which the table of poses does not say. Name the map (--map), or"
-            " the CRS (--crs)."
+            "Expected a CRS to export to this format, got none, nor does the table of poses say one. Name the map"
+            " (--map), or the CRS (--crs)."
         )
     return crs
 
@@ -127,10 +127,12 @@ def check_suffix(suffix: str, suffixes: tuple[str, ...] = (*EXPORT_SUFFIXES, *SC
         )
 
 
-def _rows_to_export(table: str | os.PathLike[str], suffix: str, suffixes: tuple[str, ...]) -> list[PoseRow]:
-    """All rows of a table in which some epoch is localized."""
+def _rows_to_export(
+    table: str | os.PathLike[str], suffix: str, suffixes: tuple[str, ...], crs: str | None
+) -> tuple[list[PoseRow], str | None]:
+    """All rows of a table in which some epoch is localized, and their CRS: the one given, or the code in the table."""
     check_suffix(suffix, suffixes)
     rows = read_rows(table)
     if not any(row.pose is not None for row in rows):
         raise TrajectoryError(f"Expected localized epochs in {table}, got none of {len(rows)}. Nothing is exported.")
-    return rows
+    return rows, crs or next((row.crs for row in rows if ":" in row.crs), None)
