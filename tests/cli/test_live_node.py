@@ -90,7 +90,7 @@ def test_a_node_goes_on_behind_odometry_and_tiles_that_hold_nothing(monkeypatch,
     node = Ros2Node(LiveLocalizer(town.map), wire, Topics(map_folder=None), Outputs())
     with pytest.raises(IndexError):
         node.run()
-    assert capsys.readouterr().err.count("Expected a") == 2
+    assert capsys.readouterr().err.count("Expected ") == 2
     nothing = town.map.tile(min(town.map.tile_keys)).rows(np.arange(0))
     monkeypatch.setattr(town.map, "tile", lambda key: nothing)
     node._publish_thinned_map()

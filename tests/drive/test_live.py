@@ -222,7 +222,7 @@ def test_messages_that_make_no_sense_are_refused(live):
         ("prior", lambda: live.add_prior(math.nan, truth(0))),
         ("position", lambda: live.add_position(TIMES[0], 0.0, 0.0, math.nan)),
     ):
-        with pytest.raises(ArrayError, match=f"Expected a {what} with finite numbers"):
+        with pytest.raises(ArrayError, match=f"Expected (a )?{what} with numbers up to 1e\\+12"):
             refused()
     with pytest.raises(OptionError, match=r"Expected a delay of 0 to 10 s, a queue and a patience of 1 or more"):
         LiveOptions(delay=-1.0)

@@ -132,7 +132,7 @@ class LiveLocalizer:
         """
         found = as_points(points, "points")
         offsets = None if point_times is None else np.asarray(point_times, dtype=np.float64)
-        _check("scan", time, 0.0 if offsets is None else np.abs(offsets).max(initial=0.0))
+        _check("a scan", time, 0.0 if offsets is None else np.abs(offsets).max(initial=0.0))
         if offsets is not None and offsets.shape != (len(found),):
             raise ArrayError(f"Expected a time for each of {len(found)} points or none, got shape {offsets.shape}.")
         ranges = np.sqrt(np.einsum("ij,ij->i", found, found))
@@ -153,7 +153,7 @@ class LiveLocalizer:
 
     def add_prior(self, time: float, T_map_sensor: Pose) -> None:
         """Take a rough pose, global coordinates in the CRS of the map; time in s."""
-        _check("prior", time, *T_map_sensor.values)
+        _check("a prior", time, *T_map_sensor.values)
         local = self.map.frame.pose_to_local(T_map_sensor)
         with self._inbox.changed:
             self._inbox.priors.add(time, local)
@@ -161,7 +161,7 @@ class LiveLocalizer:
 
     def add_position(self, time: float, x: float, y: float, sigma: float) -> None:
         """Take a position without a heading: time, s; x, y in the CRS of the map, and their standard deviation, m."""
-        _check("position", time, x, y, sigma)
+        _check("a position", time, x, y, sigma)
         x_low, y_low, _ = self.map.frame.origin
         last = self._inbox.position
         if last is None or not 0.0 < last.time - time < MEMORY:
@@ -347,7 +347,7 @@ class LiveLocalizer:
 def _check(what: str, *numbers: float) -> None:
     """Refuse numbers that would spoil what is known: ArrayError."""
     if not all(abs(number) <= LARGEST for number in numbers):
-        raise ArrayError(f"Expected a {what} with finite numbers up to {LARGEST:g}, got {[*map(float, numbers)]}.")
+        raise ArrayError(f"Expected {what} with numbers up to {LARGEST:g}, got {[*map(float, numbers)]}. Leave it out.")
 
 
 def _lost(told: EpochEstimate, why: str) -> EpochEstimate:
