@@ -82,8 +82,13 @@ def export_poses(
     """
     path, suffix = Path(out), Path(out).suffix.lower()
     rows, crs = _rows_to_export(table, suffix, EXPORT_SUFFIXES, crs)
+    if suffix in _NEEDING_CRS and crs is None:
+        raise CrsError(
+            f"Expected a CRS for {suffix}, got none from the table, a map or --crs. Give --crs; a map without one gets"
+            " its coordinates by `maxcon map georeference`."
+        )
     if suffix in _WRITERS:
-        _WRITERS[suffix](path, rows, _check_crs(crs) if suffix in _NEEDING_CRS else crs)
+        _WRITERS[suffix](path, rows, crs)
         return rows
     first = next(row.pose for row in rows if row.pose is not None)
     scene = Scene.near(first.position, crs, point_map)
@@ -106,16 +111,7 @@ def export_scans(
     Other errors as of `export_poses`.
     """
     rows, crs = _rows_to_export(table, Path(out).suffix.lower(), SCAN_SUFFIXES, crs)
-    return rows, write_placed_scans(Path(out), rows, scans, _check_crs(crs), min_range, max_range)
-
-
-def _check_crs(crs: str | None) -> str:
-    if crs is None:
-        raise CrsError(
-            "Expected a CRS to export to this format, got none, nor does the table of poses say one. Name the map"
-            " (--map), or the CRS (--crs)."
-        )
-    return crs
+    return rows, write_placed_scans(Path(out), rows, scans, crs, min_range, max_range)
 
 
 def check_suffix(suffix: str, suffixes: tuple[str, ...] = (*EXPORT_SUFFIXES, *SCAN_SUFFIXES)) -> None:

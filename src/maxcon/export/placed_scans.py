@@ -25,9 +25,9 @@ MAX_SOURCES = 2**16
 
 
 def write_placed_scans(
-    path: Path, rows: Sequence[PoseRow], scans: Scans, crs: str, min_range: float, max_range: float
+    path: Path, rows: Sequence[PoseRow], scans: Scans, crs: str | None, min_range: float, max_range: float
 ) -> int:
-    """Write the points of all localized epochs in the map's frame, whose CRS is given; return how many they are.
+    """Write the points of all localized epochs in the map's frame, in a CRS if it is known; return how many they are.
 
     LAS 1.4, point format 6: gps_time is the time of the epoch, or of the point where it is known, s as in the table;
     point_source_id is the number of the epoch, counted on from 0 after 65,535. One epoch is in memory at a time.
