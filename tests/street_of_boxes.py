@@ -71,9 +71,7 @@ class DriveOfBoxes:
         self._boxes_at, self._noise = boxes_at, noise
         self.times = start + 0.25 * np.arange(n)
         self.poses = [Pose(0.75 * i, 0.0, 1.9, 0.0, 0.0, 0.0) for i in range(n)]
-        azimuth, elevation = np.meshgrid(
-            np.radians(np.arange(0.0, 360.0, 0.5)), np.radians(np.arange(-24.0, 10.0, 1.0))
-        )
+        azimuth, elevation = np.meshgrid(np.radians(np.arange(0, 360.0, 0.5)), np.radians(np.arange(-24.0, 10.0, 1.0)))
         self._directions = np.stack(
             [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], -1
         ).reshape(-1, 3)
@@ -102,7 +100,7 @@ class DriveOfBoxes:
         """Write scans and POSES.csv; return both paths."""
         import csv
 
-        from maxcon.drive.poses_table import COLUMNS
+        from maxcon.drive.poses_table import COLUMNS, UNKNOWNS
 
         (folder / "scans").mkdir(parents=True)
         for i in range(len(self)):
@@ -115,8 +113,6 @@ class DriveOfBoxes:
             writer.writerow(COLUMNS)
             for t, pose in zip(self.times, self.poses, strict=True):
                 row = dict.fromkeys(COLUMNS, "") | {"time": f"{t:.9f}", "status": "localized"}
-                row |= dict(
-                    zip(("x", "y", "z", "roll", "pitch", "heading"), map(repr, pose.values.tolist()), strict=True)
-                )
+                row |= dict(zip(UNKNOWNS, map(repr, pose.values.tolist()), strict=True))
                 writer.writerow(row.values())
         return folder / "scans", folder / "poses.csv"

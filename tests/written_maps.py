@@ -3,15 +3,28 @@
 """Maps on disk of what is in memory, and ways to change them with checksums that fit, as another program would."""
 
 import json
+import os
 from dataclasses import replace
 
 import numpy as np
+from typer.testing import CliRunner
 
+from maxcon.cli import app
+from maxcon.errors import MaxconError
 from maxcon.map import manifest as manifests
 from maxcon.map.manifest import INDEX, TILES, Manifest, ShardFile, ShardTable
 from maxcon.map.store import SHARD_BYTES, MapWriter, ground_record, tile_record
 
 SAID = {"origin": (458_800.0, 5_429_000.0, 100.0), "crs": None, "is_signed": True, "sigma": 0.02, "build": {}}
+
+
+def run(*words, codes=(0,)):
+    """Run a command and return what it says; raise an error of ours, and check the exit code."""
+    done = CliRunner().invoke(app, [*map(str, words), "-q"])
+    if isinstance(done.exception, MaxconError):
+        raise done.exception
+    assert done.exit_code in codes, done.output
+    return done.output
 
 
 def write(folder, point_map, *, shard_bytes=SHARD_BYTES, records=(), **said) -> Manifest:
@@ -67,6 +80,18 @@ def table_of(n, section=TILES, schema=b"some schema"):
     """Return the table of n records that lie behind each other in one file."""
     rows = [((k, -k), 10 + k, 20 + k, 0, 100 + 50 * k, 50, bytes([k % 256]) * 32) for k in range(n)]
     return ShardTable(schema, (ShardFile(f"{section}/00000-0.arrows", 200 + 50 * n),), np.array(rows, INDEX))
+
+
+def damage(path, what):
+    """Make of a file what another program left: one that is cut, of another map, a FIFO, or none."""
+    if what == "cut":
+        os.truncate(path, 100)
+    elif what == "of another map":
+        path.write_bytes(bytes(path.stat().st_size))
+    else:
+        path.unlink()
+        if what == "a FIFO":
+            os.mkfifo(path)
 
 
 def tile_shard(folder):

@@ -18,7 +18,7 @@ from maxcon.map import TILE_VOXELS
 from maxcon.map import manifest as manifests
 from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import INDEX, Manifest, ShardFile, ShardTable, read_manifest, write_manifest
-from written_maps import edit_index, edit_manifest, said_by, table_of, write
+from written_maps import damage, edit_index, edit_manifest, said_by, table_of, write
 
 WHOLE = Manifest(
     cell=0.06, origin=(458_800.0, 5_429_000.0, 100.0), crs="LOCAL", is_signed=True,
@@ -212,14 +212,7 @@ def test_an_index_comes_back_as_it_was(rows, schema):
 @pytest.mark.parametrize("what", ["missing", "cut", "a FIFO", "of another map"])
 def test_an_index_that_is_not_the_one_that_was_written(copy, what):
     (path,) = (copy / "tiles").glob("index-*.arrow")
-    if what == "cut":
-        os.truncate(path, 100)
-    elif what == "of another map":
-        path.write_bytes(bytes(path.stat().st_size))
-    else:
-        path.unlink()
-        if what == "a FIFO":
-            os.mkfifo(path)
+    damage(path, what)
     with pytest.raises(MapError, match=rf"Expected .*{path.name} to be .*, got.*map build"):
         PointMap.open(copy)
 

@@ -8,30 +8,21 @@ import math
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from maxcon import PointMap, Trajectory
-from maxcon.cli import app
-from maxcon.errors import CrsError, MaxconError, OptionError, TrajectoryError
+from maxcon.errors import CrsError, OptionError, TrajectoryError
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.map.manifest import read_manifest
 from maxcon.mapping.georeference import georeference, places_of_fixes
 from street_of_boxes import CAR, WALL, map_of
-from written_maps import write
+from written_maps import run, write
 
 TO = np.array([458_860.0, 5_429_160.0, 115.0])
 TURN = Rotation.from_euler("ZYX", [137.0, 1.5, -1.0], degrees=True)
 LEVER = np.array([0.8, -0.4, 1.2])  # of the antenna in the scanner's frame, m
 LEVEL = math.radians(0.1)
-
-
-def run(*words):
-    done = CliRunner().invoke(app, ["map", "georeference", *map(str, words), "-q"])
-    if isinstance(done.exception, MaxconError):
-        raise done.exception
-    assert done.exit_code == 0, done.output
-    return done.output
+COMMAND = ("map", "georeference")
 
 
 def way(kind, n):
@@ -142,7 +133,7 @@ def test_the_new_map_has_the_same_surfaces_where_they_belong(slam, tmp_path):
     gnss = ("--gnss", slam / "fixes.tum", "--trajectory", slam / "poses.tum", "--mounting", slam / "antenna.toml")
     for name, given in (("gnss", gnss), ("control", ("--control", slam / "control.csv"))):
         out = tmp_path / f"{name}.map"
-        run(slam / "slam.map", *given, "--crs", "EPSG:25832", "-o", out)
+        run(*COMMAND, slam / "slam.map", *given, "--crs", "EPSG:25832", "-o", out)
         before, of_before = voxels_of(slam / "slam.map")
         means, normals = voxels_of(out)
         back = TURN.inv().apply(means - TO)
@@ -164,8 +155,8 @@ def test_residuals_are_a_table_and_a_picture_and_poses_are_moved_along(slam, tmp
     both = ("--gnss", slam / "fixes.tum", "--trajectory", slam / "poses.tum", "--mounting", slam / "antenna.toml")
     table, picture, poses = tmp_path / "residuals.csv", tmp_path / "residuals.png", tmp_path / "poses.tum"
     said = run(
-        slam / "slam.map", *both, "--control", slam / "control.csv", "--crs", "EPSG:25832", "-o", tmp_path / "a.map",
-        "--residuals", table, "--picture", picture, "--poses-out", poses,
+        *COMMAND, slam / "slam.map", *both, "--control", slam / "control.csv", "--crs", "EPSG:25832", "-o",
+        tmp_path / "a.map", "--residuals", table, "--picture", picture, "--poses-out", poses,
     )  # fmt: skip
     rows = list(csv.DictReader(table.open(newline="")))
     assert len(rows) == 1004
@@ -176,6 +167,18 @@ def test_residuals_are_a_table_and_a_picture_and_poses_are_moved_along(slam, tmp
     assert picture.read_bytes()[:4] == b"\x89PNG"
     wanted = TURN.apply(read_trajectory(slam / "poses.tum").positions.copy()) + TO
     assert np.abs(read_trajectory(poses).positions - wanted).max() < 0.02
+
+
+def test_poses_follow_a_map_that_control_points_place_and_outliers_have_names(slam, tmp_path):
+    text, poses, moved = (slam / "control.csv").read_text(), slam / "poses.tum", tmp_path / "poses.tum"
+    *numbers, height = text.split()[-1].split(",")[1:]
+    (tmp_path / "off.csv").write_text(text + ",".join(["p9", *numbers, f"{float(height) + 0.5}"]))
+    level = ("--level-sigma-deg", "0.3", "--crs", "EPSG:25832", "-o", tmp_path / "a.map")
+    what = ("--control", tmp_path / "off.csv", "--trajectory", poses, "--poses-out", moved)
+    said = run(*COMMAND, slam / "slam.map", *what, *level)
+    assert "1 of 5 places are outliers (p9)" in said
+    wanted = TURN.apply(read_trajectory(poses).positions.copy()) + TO
+    assert np.abs(read_trajectory(moved).positions - wanted)[:50].max() < 0.1
 
 
 @pytest.mark.parametrize(("crs", "accuracy"), [("EPSG:25832", 1.0), ("EPSG:31467", 3.0)])
@@ -190,8 +193,8 @@ def test_a_receiver_is_believed_to_be_in_the_datum_of_the_crs_unless_its_places_
     words = (slam / "slam.map", "--gnss", tmp_path / "gnss.csv", "--trajectory", slam / "poses.tum", "--crs", crs)
     if crs != "EPSG:25832":
         with pytest.raises(CrsError, match=r"gnss\.csv exact to a voxel.*DHDN to WGS 84.*--allow-inexact-crs"):
-            run(*words, "-o", tmp_path / "x.map")
-    said = run(*words, "-o", tmp_path / "x.map", *["--allow-inexact-crs"] * (crs != "EPSG:25832"))
+            run(*COMMAND, *words, "-o", tmp_path / "x.map")
+    said = run(*COMMAND, *words, "-o", tmp_path / "x.map", *["--allow-inexact-crs"] * (crs != "EPSG:25832"))
     assert f"put it off by {accuracy:g} m" in said
     assert read_manifest(tmp_path / "x.map").build["georeference"]["operation"]["accuracy"] == accuracy
 
@@ -199,7 +202,8 @@ def test_a_receiver_is_believed_to_be_in_the_datum_of_the_crs_unless_its_places_
 def test_half_a_question_is_refused(slam, tmp_path):
     two = tmp_path / "two.csv"
     two.write_text("\n".join((slam / "control.csv").read_text().splitlines()[:3]) + "\n")
-    other = tmp_path / "other.csv"
+    other, swapped = tmp_path / "other.csv", tmp_path / "swapped.csv"
+    swapped.write_text((slam / "control.csv").read_text().replace("east,north", "north,east"))
     other.write_text("name,x,y,z\np0,1,2,3\n")
     gnss, crs = ("--gnss", slam / "fixes.tum"), ("--crs", "EPSG:25832", "-o", tmp_path / "x.map")
     for words, kind, said in (
@@ -207,11 +211,13 @@ def test_half_a_question_is_refused(slam, tmp_path):
         ((*gnss, *crs), OptionError, "--gnss together with --trajectory"),
         ((*gnss, "--trajectory", slam / "poses.tum", "--geoid-height", "46", *crs), OptionError, "latitude and long"),
         (("--control", slam / "control.csv", "--geoid-height", "46", *crs), OptionError, "together with --gnss"),
+        (("--control", slam / "control.csv", "--trajectory", slam / "poses.tum", *crs), OptionError, "or --poses-out"),
         (("--control", two, *crs), OptionError, "places that determine"),
+        (("--control", swapped, *crs), OptionError, "the same places .* Are all in metres, east and north"),
         (("--control", other, *crs), TrajectoryError, "no 'east'"),
         (("--control", slam / "control.csv", "--crs", "EPSG:4326", "-o", tmp_path / "x.map"), CrsError, "metres"),
         (("--control", slam / "control.csv", "--level-sigma-deg", "0", *crs), OptionError, "above 0"),
     ):
         with pytest.raises(kind, match=said):
-            run(slam / "slam.map", *words)
+            run(*COMMAND, slam / "slam.map", *words)
     assert not (tmp_path / "x.map").exists()

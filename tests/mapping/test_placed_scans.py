@@ -8,13 +8,11 @@ from itertools import pairwise
 import laspy
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from localized_poses import rows_of
 from maxcon import PointMap, Pose, Trajectory, open_scans
-from maxcon.cli import app
 from maxcon.cli.drive_of_map import DriveOptions
-from maxcon.errors import FileError, MaxconError, OptionError, TrajectoryError
+from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import wrap_angle
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.lab.simulation.recordings import ODOMETRY, drive_messages
@@ -24,17 +22,10 @@ from maxcon.mapping.update.evidence import classes_of
 from maxcon.scan.mounting import sensor_trajectory
 from recorded_drives import record_drive, transforms, write_entries
 from street_of_boxes import WALL, DriveOfBoxes, inside
+from written_maps import run
 
 PARKED = ((8.0, -3.8, 0.2), (12.0, -2.2, 1.5))
 PASSING = (2.5, 4.3)  # y of both sides of a car that passes between the scanner and the wall
-
-
-def run(*words):
-    done = CliRunner().invoke(app, [*map(str, words), "-q"])
-    if isinstance(done.exception, MaxconError):
-        raise done.exception
-    assert done.exit_code == 0, done.output
-    return done.output
 
 
 def street(seconds):
@@ -160,7 +151,7 @@ def test_other_clocks_empty_folders_and_half_a_question_are_refused(drive, tmp_p
 
 def localized(point_map, scans, prior, reference, out):
     """How many epochs there are, how many are localized, and how many of these are within 0.3 m and 1 degree."""
-    CliRunner().invoke(app, ["localize", *map(str, (point_map, scans, "--prior", prior, "-o", out)), "-q"])
+    run("localize", point_map, scans, "--prior", prior, "-o", out, codes=(0, 1))
     rows, truth = rows_of(out), read_trajectory(reference)
     n_right, found = 0, [row for row in rows if row["status"] == "localized"]
     for row in found:

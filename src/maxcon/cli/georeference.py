@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from maxcon.mapping.georeference import Georeference, Places
 
 
+MOST_NAMED = 5  # outliers
+
+
 class PlaceOptions(OptionGroup):
     """What is known of where a map lies."""
 
@@ -31,7 +34,7 @@ class PlaceOptions(OptionGroup):
         metavar="FILE",
     )
     trajectory: Path | None = flag(
-        None, "Where the scanner was in the map, at the times of the receiver.", metavar="TUM|CSV"
+        None, "Where the scanner was in the map, at the receiver's times, or poses for --poses-out.", metavar="TUM|CSV"
     )
     mounting: Path | None = flag(
         None, "Where [sensor] and [prior], the antenna, are in the vehicle; else at one place.", metavar="TOML"
@@ -55,17 +58,15 @@ class PlaceOptions(OptionGroup):
     poses_out: Path | None = flag(None, "Also write the trajectory in the CRS.", metavar="TUM")
 
     def __post_init__(self) -> None:
-        gnss, trajectory = {"--gnss": self.gnss}, {"--trajectory": self.trajectory}
-        check_needs(gnss, trajectory)
-        check_needs(trajectory, gnss)
+        gnss, poses = {"--gnss": self.gnss}, {"--poses-out": self.poses_out}
+        check_needs(gnss | poses, {"--trajectory": self.trajectory})
+        check_needs({"--trajectory": self.trajectory}, gnss | poses)
         of_gnss = {"--mounting": self.mounting, "--gnss-topic": self.gnss_topic, "--geoid-height": self.geoid_height}
-        check_needs(of_gnss | {"--poses-out": self.poses_out}, gnss)
+        check_needs(of_gnss, gnss)
         if self.gnss is None and self.control is None:
             raise OptionError("Expected --gnss or --control, to tell where the map lies, got neither. Give one.")
         if self.level_sigma_deg is not None and not 0.0 < self.level_sigma_deg <= 90.0:
-            raise OptionError(
-                f"Expected --level-sigma-deg above 0, up to 90, got {self.level_sigma_deg}. 0.3 is usual."
-            )
+            raise OptionError(f"Expected --level-sigma-deg above 0, up to 90, got {self.level_sigma_deg}. Usual: 0.3.")
 
     def places(self) -> "tuple[Places, ...]":
         """Return the same places in the map and in the CRS."""
@@ -137,12 +138,14 @@ def _rows(found: "Georeference") -> list[tuple[str, str]]:
     good = np.abs(found.residuals[~found.are_outliers])
     across = np.hypot(good[:, 0], good[:, 1])
     east, north, up = found.sigmas_of_turns_deg
-    n_out, alike = int(found.are_outliers.sum()), found.n_alike
+    names, alike = [name for each in found.places for name in each.names], found.n_alike
+    out = [name for name, is_out in zip(names, found.are_outliers, strict=True) if is_out]
+    which = f" ({', '.join(out)})" if 0 < len(out) <= MOST_NAMED else ""
     return [
         ("turned", f"{heading:.3f} degrees about up, {tilt:.3f} degrees from up{scale}"),
         ("residuals", f"median {np.median(across):.3f} m, 95 % {np.quantile(across, 0.95):.3f} m; heights"
-         f" {np.median(good[:, 2]):.3f} and {np.quantile(good[:, 2], 0.95):.3f} m; {n_out} of {len(found.residuals)}"
-         " places are outliers" + (f"; {alike:.0f} fixes in a row err alike" if alike >= 1.5 else "")),
+         f" {np.median(good[:, 2]):.3f} and {np.quantile(good[:, 2], 0.95):.3f} m; {len(out)} of {len(names)} places"
+         f" are outliers{which}" + (f"; {alike:.0f} fixes in a row err alike" if alike >= 1.5 else "")),
         ("known to", f"{found.sigma:.3f} m in the mean over these places; turns to {east:.3f}, {north:.3f} degrees"
          f" about east and north, {up:.3f} about up"),
     ]  # fmt: skip

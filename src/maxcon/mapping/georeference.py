@@ -34,6 +34,7 @@ OUTLIER = 4.0  # sigmas; what is farther off is told as an outlier
 STEP = 1e-6  # m and rad, of the derivatives of residuals
 LEAST_SIGMA = 1e-3  # of fixes, in stated ones, or m: simulated ones may have no errors
 CONTROL_SIGMA = 0.05  # m, of a control point along an axis, where none is stated
+LARGEST_MISFIT = 0.05  # mean of the residuals over how far the places reach: beyond, they are not the same places
 LARGEST_ANGLE_SIGMA = math.radians(1.0)  # an axis known less well is not determined
 
 
@@ -300,9 +301,17 @@ def _check_determined(found: Georeference) -> None:
     sigma, axis = math.sqrt(max(float(variances[-1]), 0.0)), axes[:, -1]
     if sigma <= LARGEST_ANGLE_SIGMA:
         return
+    ends = np.concatenate([each.global_ for each in found.places])
+    size, (x, y, _) = float(np.hypot(*np.ptp(found.local[:, :2], axis=0))), np.ptp(ends, axis=0)
+    off = float(np.linalg.norm(found.residuals, axis=1).mean())
+    if off > LARGEST_MISFIT * size and np.abs(found.residuals / found.sigmas).mean() > OUTLIER:
+        raise OptionError(
+            f"Expected the same places in the map and in the CRS, got some within {size:.4g} m in the map, {x:.4g} x"
+            f" {y:.4g} m in the CRS, that lie {off:.3g} m apart in the mean at best. Are all in metres, east and north"
+            " in their places?"
+        )
     angle = math.degrees(math.atan2(axis[1], axis[0])) % 180.0
     turn = "heading" if abs(axis[2]) > 0.7 else f"roll about a line at {angle:.0f} degrees from east to north"
-    x, y, _ = np.ptp(np.concatenate([each.global_ for each in found.places]), axis=0)
     known = f"{math.degrees(sigma):.2g} degrees only" if sigma < 1.0 else "no useful degree"
     raise OptionError(
         f"Expected places that determine how the map is turned, got some within {x:.0f} x {y:.0f} m from which its"

@@ -43,9 +43,7 @@ def campaign(seed, n_passes=4, duration=60, drift=0.0, every=4, noise=1.0):
 
 def constraint_of(true, place, passes, times, error):
     """What a match of two passes would find that `true` corrects."""
-    first, second = (
-        pose_of_twist(true.twist_at(place, time, number)) for time, number in zip(times, passes, strict=True)
-    )
+    first, second = (pose_of_twist(true.twist_at(place, at, number)) for at, number in zip(times, passes, strict=True))
     pose = first.inverse @ second @ pose_of_twist(error)
     return Constraint(place, passes, times, pose, np.diag(SIGMAS**2), 0.8)
 

@@ -73,9 +73,7 @@ build.build_map([sys.argv[1]], sys.argv[2], n_threads=2)
 def test_a_killed_build_leaves_no_map(tmp_path, cloud_files, scene):
     path = cloud_files.npz(tmp_path / "a.npz", scene)
     out = tmp_path / "a.map"
-    with subprocess.Popen(
-        [sys.executable, "-c", KILLED, str(path), str(out)], stdout=subprocess.PIPE, text=True
-    ) as build:
+    with subprocess.Popen([sys.executable, "-c", KILLED, path, out], stdout=subprocess.PIPE, text=True) as build:
         try:
             first_line = build.stdout.readline()
         finally:
