@@ -26,9 +26,7 @@ def shown_views(path):
     (store,) = _reader(path).blueprints()
     tables = [chunk.to_record_batch() for chunk in _reader(path).stream(store=store)]
     columns = ("ViewBlueprint:class_identifier", "ViewBlueprint:display_name")
-    views = [
-        [table.column(name)[0].as_py()[0] for name in columns] for table in tables if columns[0] in table.schema.names
-    ]
+    views = [[of.column(name)[0].as_py()[0] for name in columns] for of in tables if columns[0] in of.schema.names]
     return dict(views)
 
 

@@ -33,9 +33,7 @@ def refuse(*_, **__):
 
 
 def test_the_search_that_is_asked_for_is_made(corner, monkeypatch):
-    bounded, exhaustive = (
-        MaximumConsensus(SPACE, search=name).cell_search for name in ("branch-and-bound", "exhaustive")
-    )
+    bounded, exhaustive = (MaximumConsensus(SPACE, search=by).cell_search for by in ("branch-and-bound", "exhaustive"))
     with monkeypatch.context() as patched:
         patched.setattr("maxcon.cell_search.branch_and_bound", refuse)
         wanted = exhaustive.best(*corner, HERE, SPACE)

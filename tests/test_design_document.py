@@ -36,9 +36,7 @@ def _cited(pattern):
 def test_every_decision_that_the_source_cites_is_in_the_design(sections):
     there = {int(number) for number in re.findall(r"^\| D(\d+) \|", sections[2], flags=re.MULTILINE)}
     assert there == set(range(1, 13))
-    cited = {
-        int(number): name for name, found in _cited(DECISIONS) for number in re.findall(r"\bD(\d+)\b", found.group())
-    }
+    cited = {int(n): name for name, found in _cited(DECISIONS) for n in re.findall(r"\bD(\d+)\b", found.group())}
     assert len(cited) >= 8
     assert {number: name for number, name in cited.items() if number not in there} == {}
 

@@ -205,13 +205,11 @@ def garage(request):
             sides.append((np.column_stack([px + face, py + 0.0 * face, z + 2.8 * storey]), [0.0, -1.0, 0.0]))
         points = np.concatenate([part for part, _ in sides])
         clouds.append((points, np.concatenate([np.tile(normal, (len(part), 1)) for part, normal in sides])))
-    point_map = PointMap.from_points(
-        *map(np.concatenate, zip(*clouds, strict=True)), CELL, ground=np.concatenate(floors)
-    )
+    city = PointMap.from_points(*map(np.concatenate, zip(*clouds, strict=True)), CELL, ground=np.concatenate(floors))
     seen, below = rng.permutation(len(clouds[1][0]))[:6000], rng.permutation(len(floors[1]))[:6000]
     points = np.concatenate([clouds[1][0][seen], floors[1][below]])
     normals = np.concatenate([clouds[1][1][seen], np.zeros((6000, 3))])
-    return differs, Scan((points - truth.position) @ truth.rotation, normals @ truth.rotation), point_map, truth
+    return differs, Scan((points - truth.position) @ truth.rotation, normals @ truth.rotation), city, truth
 
 
 @pytest.mark.parametrize("height", [0.0, -2.6, 2.4])

@@ -77,9 +77,8 @@ def test_it_finds_the_pose(scan, point_map, multiplicity, objective, n_threads):
     assert estimate.pose.heading == pytest.approx(TRUTH.heading)
     assert (estimate.pose.roll, estimate.pose.pitch) == (TRUTH.roll, TRUTH.pitch)
     assert np.isinf(np.diag(estimate.covariance)).all()
-    refined = MaximumConsensus(SPACE, objective, multiplicity, n_threads).localize(
-        scan, point_map, prior_of(4, -7, 0.5)
-    )
+    method = MaximumConsensus(SPACE, objective, multiplicity, n_threads)
+    refined = method.localize(scan, point_map, prior_of(4, -7, 0.5))
     assert (refined.status, refined.cell, refined.score) == (estimate.status, estimate.cell, estimate.score)
     np.testing.assert_allclose(refined.pose.position, TRUTH.position, atol=1e-3)
     assert 0.0 < np.diag(refined.covariance).max() < np.inf

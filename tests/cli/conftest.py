@@ -56,12 +56,10 @@ def thin_profiles():
 
 @pytest.fixture(scope="session")
 def drive(built_once, thin_profiles):
-    def make(folder):
-        dataset = simulate(
-            folder / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0, mapping_scanners=thin_profiles
-        )
+    def make(at):
+        dataset = simulate(at / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0, mapping_scanners=thin_profiles)
         options = MapOptions(trajectory=read_trajectory(dataset.map_trajectory), vehicle_classes=(64,))
-        build_map(dataset.map_clouds, folder / "city.map", options)
+        build_map(dataset.map_clouds, at / "city.map", options)
 
     folder = built_once("drive", make)
     dataset = Dataset.open(folder / "dataset")

@@ -97,6 +97,15 @@ def test_a_node_goes_on_behind_odometry_and_tiles_that_hold_nothing(monkeypatch,
     assert published[-1]["width"] == 0
 
 
+def test_silence_is_told_once(monkeypatch, capsys):
+    monkeypatch.setattr("maxcon.cli.ros2_node.SILENCE", 0.0)
+    turns, nothing = iter(range(3)), lambda *_, **__: None
+    wire = Record(publisher=nothing, subscribe=nothing, listen=lambda _: next(turns))
+    with pytest.raises(StopIteration):
+        Ros2Node(LiveLocalizer(Town(11).map), wire, Topics(map_folder=None), Outputs(map_spacing=0.0)).run()
+    assert capsys.readouterr().err.count("no scan on /points for 0 s: is it sent there") == 1
+
+
 @pytest.fixture
 def started(maxcon, monkeypatch):
     """Run `maxcon live` up to the node; return what it was given, or how the command ended."""

@@ -65,7 +65,7 @@ def test_what_is_asked_of_a_recording_and_is_not_there(localize, refused, drive,
     bag, times = recordings["bag"], drive.dataset.scans / "times.txt"
     for options, words in (
         (("--prior-frames", "map"), ("FIXED:MOVING", "'map'")),
-        (("--prior-frames", "map:sensor"), ("a frame of", "no transforms")),
+        (("--prior-frames", "map:sensor"), ("a frame of", "It has none")),
         (("--prior-frames", "a:b", "--prior-topic", "/c"), ("either --prior-topic or --prior-frames",)),
         (("--topic", "/a"), ("/points", "/a")),
         (("--prior-topic", "/a"), ("/a", "no such topic", "/gnss/fix")),

@@ -17,14 +17,14 @@ from maxcon.io.trajectories import read_trajectory
 def localized(localize, drive, tmp_path):
     """Localize the drive with rows of a prior as CSV, or with other scans."""
 
-    def run(rows=None, header="time,x,y,z,roll,pitch,heading", scans=drive.dataset.scans, name="prior.csv"):
+    def run(rows=None, header="time,x,y,z,roll,pitch,heading", scans=drive.dataset.scans, name="prior.csv", options=()):
         prior = drive.dataset.prior
         if rows is not None:
             prior = tmp_path / name
             lines = [header] if name.endswith(".csv") else []
             prior.write_text("\n".join([*lines, *rows]) + "\n")
         narrow = ("--half-width", "2.6", "--heading-half-width-deg", "3", "--wider", "0", "--overwrite")
-        return localize(*narrow, prior=prior, scans=scans)
+        return localize(*narrow, *options, prior=prior, scans=scans)
 
     return run
 
@@ -51,8 +51,8 @@ def turned(roll, heading):
 @pytest.mark.parametrize(
     ("meant", "words"),
     [
-        (turned(0.0, math.pi / 2), "the sensor turned by 90 degrees to the left"),
-        (turned(math.pi, 0.0), "the sensor upside down"),
+        (turned(0.0, math.pi / 2), "the sensor turned by 90 degrees to the left: give a --mounting file"),
+        (turned(math.pi, 0.0), "the sensor upside down: give a --mounting file with roll_deg = 180 under [sensor]"),
         (
             lambda pose: Pose(*pose.position, pose.roll, pose.pitch, math.pi / 2 - pose.heading),
             "the headings of the prior those of a compass: a heading is 90 degrees less a bearing",
@@ -70,6 +70,14 @@ def test_what_would_fit_is_said_where_nothing_does(localized, priors, prior_rows
     assert "0 of 4 epochs localized" in ended.out and f"3 of 3 tried would be localized were {words}" in ended.out
 
 
+def test_what_is_said_of_a_turned_sensor_mends_it_and_radians_are_told(localized, priors, tmp_path):
+    (tmp_path / "mounting.toml").write_text("[sensor]\nheading_deg = 90.0\n")
+    ended = localized(rows_of(priors, turned(0.0, math.pi / 2)), options=("--mounting", tmp_path / "mounting.toml"))
+    assert ended.code == 0
+    ended = localized(rows_of(priors), header="time,x,y,z,roll_deg,pitch_deg,heading_deg")
+    assert "the angles of the prior in radians: name their columns roll, pitch, heading" in ended.out
+
+
 def test_how_high_a_prior_lies_is_always_said_and_what_is_wrong_with_it(localized, priors):
     assert "the prior lies 2.0 m above the map's ground\n" in localized(rows_of(priors, lambda pose: pose)).out
     ended = localized(rows_of(priors, lambda pose: pose.translated([0.0, 0.0, 9.0])))
@@ -77,36 +85,38 @@ def test_how_high_a_prior_lies_is_always_said_and_what_is_wrong_with_it(localize
     assert "were the prior some 9 m lower: is its z that of another point, or another height reference?" in ended.out
 
 
+@pytest.fixture
+def rescanned(drive, tmp_path):
+    """Write the scans of the drive anew, points as a function makes them of theirs and of the true pose."""
+
+    def write(meant):
+        scans, folder = open_scans(drive.dataset.scans), tmp_path / "rescanned"
+        folder.mkdir(exist_ok=True)
+        for number, pose in enumerate(drive.reference.poses()):
+            np.savez(folder / f"{number}.npz", points=meant(scans.read(number).points, pose))
+        (folder / "times.txt").write_text("\n".join(f"{time:.9f}" for time in scans.times) + "\n")
+        return folder
+
+    return write
+
+
 @pytest.mark.parametrize("frame", ["global coordinates", "the map's local frame"])
-def test_scans_that_are_in_the_map_already(localized, drive, tmp_path, frame):
+def test_scans_that_are_in_the_map_already(localized, drive, rescanned, frame):
     origin = np.array(PointMap.open(drive.city).frame.origin) * (frame != "global coordinates")
-    scans, folder = open_scans(drive.dataset.scans), tmp_path / "placed"
-    folder.mkdir()
-    for number, pose in enumerate(drive.reference.poses()):
-        np.savez(folder / f"{number}.npz", points=pose.apply(scans.read(number).points) - origin)
-    (folder / "times.txt").write_text("\n".join(f"{time:.9f}" for time in scans.times) + "\n")
-    ended = localized(scans=folder)
+    ended = localized(scans=rescanned(lambda points, pose: pose.apply(points) - origin))
     assert ended.code == 1, ended
     assert f"would be localized were the scans in {frame}: write them in the sensor's frame" in ended.out
 
 
-def test_mirrored_scans_are_told(localized, drive, tmp_path):
-    scans, folder = open_scans(drive.dataset.scans), tmp_path / "mirrored"
-    folder.mkdir()
-    for number in range(len(scans.times)):
-        np.savez(folder / f"{number}.npz", points=scans.read(number).points * [1.0, -1.0, 1.0])
-    (folder / "times.txt").write_text("\n".join(f"{time:.9f}" for time in scans.times) + "\n")
-    ended = localized(scans=folder)
+def test_mirrored_scans_are_told(localized, rescanned):
+    ended = localized(scans=rescanned(lambda points, pose: points * [1.0, -1.0, 1.0]))
     assert "were the scans not mirrored: turn the sign of their y" in ended.out  # where one fits by chance, too
 
 
-def test_scans_in_millimetres_are_told(localized, drive, tmp_path, maxcon):
-    scans, folder = open_scans(drive.dataset.scans), tmp_path / "millimetres"
-    folder.mkdir()
-    for number in range(len(scans.times)):
-        np.savez(folder / f"{number}.npz", points=scans.read(number).points * 1000.0)
-    (folder / "times.txt").write_text("\n".join(f"{time:.9f}" for time in scans.times) + "\n")
-    ended = localized(scans=folder)
+def test_scans_in_feet_and_millimetres_are_told(localized, drive, rescanned, maxcon):
+    ended = localized(scans=rescanned(lambda points, pose: points / 0.3048))
+    assert "would be localized were the scans in feet: multiply their coordinates by 0.3048" in ended.out
+    ended = localized(scans=(folder := rescanned(lambda points, pose: points * 1000.0)))
     assert "would be localized were the scans in millimetres: divide their coordinates by 1000" in ended.out
     assert "--max-range, in metres" in ended.out
     assert "--max-range, in metres" in maxcon("relocalize", drive.city, folder).out
@@ -117,6 +127,8 @@ def test_scans_in_millimetres_are_told(localized, drive, tmp_path, maxcon):
 def test_degrees_as_coordinates_are_told(localized, priors, refused):
     rows = [f"{time},52.3,9.7,50,0,0,0" for time, _ in priors]
     refused(localized(rows), "Are both in the same CRS? Degrees belong into a CSV that names them", "latitude")
+    rows = [f"{time},{pose.y},{pose.x},{pose.z},0,0,0" for time, pose in priors]
+    refused(localized(rows), "Are x and y swapped?")
 
 
 def test_where_nothing_fits_that_is_said(localized, priors):

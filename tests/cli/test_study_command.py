@@ -94,6 +94,10 @@ class Determinant:
     def score(self, moments):
         nxx, nxy, nyy = (moments[..., channel].astype(float) for channel in (1, 2, 3))
         return np.sqrt(np.maximum(0.0, nxx * nyy - nxy**2))
+
+
+class Wrong:
+    score = staticmethod(np.asarray)
 """
 
 
@@ -118,4 +122,8 @@ def test_an_objective_of_one_s_own_is_compared_with_ours_alike_and_shown_first(
     drawn = tmp_path / "page-figures"
     assert "Root of det N" in (drawn / "comparison.svg").read_text()
     assert "Determinant-occupied" in (drawn / "distinctness-occupied.svg").read_text()
-    assert "adjusted to the map" not in page.read_text()
+    text = page.read_text()
+    assert "adjusted to the map" not in text and "The paper says" not in text  # for none of its methods was studied
+    assert "Left: Root of det N of every position" in text
+    wrong = maxcon("study", described, "-o", tmp_path / "bad", "--methods", "own_scores:Wrong", *SMALL, "--epochs", "1")
+    assert "the first that failed: Expected an objective to return scores of shape" in wrong.out

@@ -113,7 +113,7 @@ def test_cells_steps_and_heights_are_those_of_the_method():
 
 def test_what_is_refused():
     trajectory = Trajectory.from_poses([0.0], [truth(0)], covariance(0.5, 0.6)[None])
-    with pytest.raises(OptionError, match=r"largest half width above 0 m, got 0\.0\. The default is 24 m"):
+    with pytest.raises(OptionError, match=r"largest half width above 0 m, got 0\.0\. Default: 24 m"):
         WithinSigmas(MaximumConsensus(), trajectory, largest_half_width=0.0)
     with pytest.raises(TrajectoryError, match="within the trajectory"):
         WithinSigmas(MaximumConsensus(), trajectory).at(1.0)

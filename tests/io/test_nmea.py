@@ -156,12 +156,10 @@ def test_heights_above_the_geoid_are_not_mixed_with_ellipsoidal_ones(tmp_path):
     assert with_geoid.heights is None
     import pyproj
 
-    ellipsoidal = pyproj.CRS(UTM).to_3d().to_wkt()
+    crs = pyproj.CRS(UTM).to_3d().to_wkt()
     with pytest.raises(CrsError, match="--geoid-height"):
-        read_geographic_prior(path, ellipsoidal)
-    np.testing.assert_allclose(
-        read_geographic_prior(path, ellipsoidal, 40.0).trajectory.positions[:, 2], 100.0, atol=1e-6
-    )
+        read_geographic_prior(path, crs)
+    np.testing.assert_allclose(read_geographic_prior(path, crs, 40.0).trajectory.positions[:, 2], 100.0, atol=1e-6)
 
 
 def test_which_files_are_logs(tmp_path):

@@ -31,9 +31,7 @@ def _pose(x, y, z=0.0, heading_deg=0.0):
     return Pose(x, y, z, 0.1, -0.1, math.radians(heading_deg))
 
 
-@pytest.mark.parametrize(
-    ("heading", "reference", "wanted"), [(10.0, 8.0, 2.0), (8.0, 10.0, -2.0), (179.0, -179.0, -2.0)]
-)
+@pytest.mark.parametrize(("heading", "reference", "wanted"), [(10, 8, 2), (8, 10, -2), (179, -179, -2)])
 def test_heading_is_signed_and_takes_the_shorter_way(heading, reference, wanted):
     error = pose_error(_pose(0.0, 0.0, 0.0, heading), _pose(0.0, 0.0, 0.0, reference))
     assert math.degrees(error.heading) == pytest.approx(wanted, abs=1e-9)

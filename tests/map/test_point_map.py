@@ -137,9 +137,7 @@ def test_a_map_has_the_bounds_of_its_tiles_and_keeps_what_it_is_given():
     assert not empty.covers(0.0, 0.0, 1e6)
     assert [len(part) for part in empty.all_voxels()] == [0, 0, 0]
     frame = LocalFrame((1.0, 2.0, 3.0), "EPSG:25832")
-    point_map = PointMap.from_points(
-        [[1.0, -1.0, 0.0], [70.0, 5.0, 0.0]], np.zeros((2, 3)), frame=frame, is_signed=False
-    )
+    point_map = PointMap.from_points([[1, -1, 0], [70, 5, 0.0]], np.zeros((2, 3)), frame=frame, is_signed=False)
     np.testing.assert_allclose(point_map.bounds, ((0.0, -30.72), (3 * 30.72, 30.72)))
     assert (point_map.frame, point_map.cell, point_map.is_signed) == (frame, 0.06, False)
 

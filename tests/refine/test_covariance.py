@@ -86,9 +86,7 @@ def test_it_is_what_its_words_say(yard, seed):
 def test_the_map_adds_what_it_is_wrong_by_and_single_walls_three_tenths_of_it(yard):
     scan, point_map, truth = yard(0)
     refined = refine(scan, point_map, truth)
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(map_covariance(0.05))), [0.05, 0.05, 0.05, 0.0025, 0.0025, 0.001], rtol=1e-6
-    )
+    np.testing.assert_allclose(np.sqrt(np.diag(map_covariance(0.05))), [0.05] * 3 + [0.0025, 0.0025, 0.001], rtol=1e-6)
     of_walls = covariance(refined, 0.05) - covariance(refined, 0.0) - map_covariance(0.05)
     wanted = plain_covariance(refined, 0.05) - plain_covariance(refined, 0.0) - map_covariance(0.05)
     assert (CLUSTER_EDGE, STEEPEST, WALL_RATIO) == (3.0, 0.7, 0.3)

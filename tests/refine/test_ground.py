@@ -75,9 +75,7 @@ def scan_of(ground, pose, *, cars=0.0, n_rings=40, noise=0.02, seed=0, sector=ma
     rng = np.random.default_rng(seed)
     azimuths, distances = (
         grid.ravel()
-        for grid in np.meshgrid(
-            np.radians(np.arange(0.0, 360.0, 0.5)), HEIGHT / np.tan(np.linspace(0.05, 0.7, n_rings))
-        )
+        for grid in np.meshgrid(np.radians(np.arange(0, 360.0, 0.5)), HEIGHT / np.tan(np.linspace(0.05, 0.7, n_rings)))
     )
     is_seen = np.abs((azimuths - pose.heading + math.pi) % (2.0 * math.pi) - math.pi) <= sector
     azimuths, distances = azimuths[is_seen], distances[is_seen]

@@ -125,9 +125,7 @@ def test_a_sample_has_the_normals_of_the_whole_scan_whatever_the_order_of_its_po
     rows = {tuple(point): normal for point, normal in zip(scan.points, scan.normals, strict=True)}
     sample, again = Scan(points).sample, Scan(points[order]).sample
     assert len(sample) == len(np.unique(sample.points, axis=0)) < 0.2 * len(points)
-    assert all(
-        (rows[tuple(point)] == normal).all() for point, normal in zip(sample.points, sample.normals, strict=True)
-    )
+    assert all((rows[tuple(at)] == normal).all() for at, normal in zip(sample.points, sample.normals, strict=True))
     both = (np.lexsort(each.points.T) for each in (sample, again))
     assert all((a[k] == b[m]).all() for k, m in [tuple(both)] for a, b in [(sample.points, again.points)])
     given = Scan(points, scan.normals).sample

@@ -192,9 +192,7 @@ def test_the_order_of_scan_and_map_points_and_the_threads_do_not_matter(seed, mu
         assert_same(again, first.moments)
 
 
-@pytest.mark.parametrize(
-    "by", [[50.0, -50.0, 0.0], [1e4, -1e4, 0.0], [1e6, -1e6, 0.0], [0.0, 0.0, 1e3], [0.0, 0.0, -1e3]]
-)
+@pytest.mark.parametrize("by", [[50.0, -50.0, 0], [1e4, -1e4, 0], [1e6, -1e6, 0], [0.0, 0.0, 1e3], [0.0, 0.0, -1e3]])
 def test_a_prior_far_from_the_map_finds_nothing(by):
     space = SearchSpace(0.6, 0.06, 0.5, 0.5)
     scan, point_map, prior = random_scene(0, 10, 50, 0.06, space, spread=8)

@@ -28,9 +28,7 @@ class Simulated(OptionGroup):
     campaign: bool = flag(False, "A circuit mapped in five rounds, and a round of up to 3001 scans.")
     hard: bool = flag(False, "With --campaign: periodic facades, things gone, 30 % unmapped returns.")
     scene: Literal["city", "suburb"] = flag("city", "A city, or a suburb: hedges, gardens, slopes, a moving scanner.")
-    scanner: str | None = flag(
-        None, "The car's scanner: vlp-16 (the default), vlp-32c, hdl-64e or os1-64.", metavar="NAME"
-    )
+    scanner: str | None = flag(None, "The car's scanner: vlp-16 (default), vlp-32c, hdl-64e or os1-64.", metavar="NAME")
     epochs: int | None = flag(None, "How many scans; 40, 3001 with --campaign, 200 in a suburb.", min=1)
     every: float | None = flag(
         None,
@@ -169,14 +167,12 @@ class StudyOptions(OptionGroup, title="Inputs"):
     """What is studied, and where."""
 
     dataset: Path = argument(..., "Folder with a dataset.toml, or such a file.", "DATASET")
-    out: Path = flag(
-        ..., "Folder to write; a study there goes on.", "--out", "-o", metavar="STUDY", rich_help_panel="Output"
-    )
+    out: Path = flag(..., "Folder; a study there goes on.", "--out", "-o", metavar="STUDY", rich_help_panel="Output")
     methods: str | None = flag(
         None,
-        "Names of methods and sets (consensus, baselines, ground, weights, cells, density), and objectives of your own,"
-        " package.module:Name, each beside ours. Default: consensus,baselines; without those whose packages are not"
-        " installed.",
+        "Names of methods and sets (consensus, baselines, ground, weights, thinning, cells, density), and objectives of"
+        " your own, package.module:Name, each beside ours. Default: consensus,baselines; without those whose packages"
+        " are not installed.",
         metavar="LIST",
         rich_help_panel="Method",
     )
@@ -255,6 +251,9 @@ def _print_study(done: "Study", drawn: str) -> None:
         others = {status: n for status, n in method.statuses.items() if status in _NO_ANSWER}
         if others:
             typer.echo(f"  {'':<{width}}   " + ", ".join(f"{n} {status}" for status, n in others.items()))
+    failed = done.table.column("status").to_pylist()
+    if "failed" in failed:
+        typer.echo(f"the first that failed: {done.table.column('reason')[failed.index('failed')]}")
     typer.echo(f"{len(done.table):,} rows in {done.folder / 'table.parquet'}")
     if words := refined_words(done.configuration.methods):
         typer.echo(words)
@@ -276,9 +275,7 @@ class ReportOptions(OptionGroup):
 
     study: Path = argument(..., "Folder made by `maxcon study`.", "STUDY")
     out: Path = flag(..., "Page to write.", "--out", "-o", metavar="REPORT.html")
-    figures: Path | None = flag(
-        None, "Folder for the figures (SVG). Default: REPORT-figures beside the page.", metavar="DIR"
-    )
+    figures: Path | None = flag(None, "Folder of figures, SVG. Default: REPORT-figures beside the page.", metavar="DIR")
     dataset: Path | None = flag(None, "Where the dataset is now, if it was moved.", metavar="DATASET")
     prior: str | None = flag(None, "Prior that figures and claims are about. Default: the first.", metavar="NAME")
     objective: str | None = flag(None, "Your own, drawn beside count and Helmert's score.", metavar="MODULE:NAME")

@@ -72,9 +72,7 @@ class PictureOptions(OptionGroup, title="Output"):
     """Which epochs are drawn."""
 
     plot: Path | None = flag(None, "Draw epochs into this folder.", metavar="DIR")
-    plot_epochs: str | None = flag(
-        None, "Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.", metavar="LIST"
-    )
+    plot_epochs: str | None = flag(None, "Epochs to draw: 0,5,10-20 or all. Default: ten of the drive.", metavar="LIST")
     report: Path | None = flag(
         None, "Write a page of the drive: map, statuses, protection levels, worst epochs.", metavar="PAGE.html"
     )
@@ -202,9 +200,7 @@ class ScanFiles(OptionGroup, title="Recordings and scanners"):
 class CircleOptions(OptionGroup, title="Search space"):
     """The part of the map that is searched."""
 
-    around: str | None = flag(
-        None, "Look in a circle around this place alone, m, in the CRS of the map.", metavar="X,Y"
-    )
+    around: str | None = flag(None, "Look in a circle around this place only, m, in the CRS of the map.", metavar="X,Y")
     radius: float | None = flag(None, "Radius of that circle, m; 300 if not given.", metavar="M")
 
     def __post_init__(self) -> None:

@@ -112,9 +112,7 @@ class ClassOptions(OptionGroup, title="Classes"):
     vehicle_class: list[int] | None = flag(
         None, "Class number that means vehicles in these files: left out too; repeatable.", metavar="NUMBER"
     )
-    asprs_classes: bool = flag(
-        False, "Class numbers are those of LAS in other clouds too: ground, vegetation are dropped."
-    )
+    asprs_classes: bool = flag(False, "Class numbers are those of LAS in other clouds too: drop ground, vegetation.")
     classify: Literal["auto", "always", "off"] = flag(
         "auto",
         "Find ground, vegetation and what is not there in every pass: where no cloud has classes (auto), always, or"

@@ -109,9 +109,7 @@ class MotionOptions(OptionGroup, title="Motion"):
         "With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
         metavar="TUM|CSV|RECORDING",
     )
-    drift: float | None = flag(
-        None, "Error of the odometry as a fraction of the way; 0.02 if not given.", metavar="SHARE"
-    )
+    drift: float | None = flag(None, "Error of the odometry as a share of the way; 0.02 if not given.", metavar="SHARE")
     deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
     turn_time: TurnTime = None
 
@@ -128,9 +126,7 @@ class Topics(OptionGroup, title="Inputs"):
     domain: int = flag(0, "Domain of ROS 2.", metavar="N", min=0, max=232, envvar="ROS_DOMAIN_ID")
     points: str = flag("/points", "Topic of the scans (PointCloud2).", metavar="TOPIC")
     odometry: str = flag("/odom", "Topic of the odometry (Odometry).", metavar="TOPIC")
-    fix: str = flag(
-        "/fix", "Topic of the positions (NavSatFix), for maps with a CRS; heights are not used.", metavar="TOPIC"
-    )
+    fix: str = flag("/fix", "Topic of positions (NavSatFix), where the map has a CRS; no heights.", metavar="TOPIC")
     mounting: Path | None = flag(None, "Where scanner, antenna and odometry are in the vehicle.", metavar="TOML")
     at_stamp: AtStamp = False
     deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")

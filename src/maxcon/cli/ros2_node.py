@@ -33,6 +33,7 @@ OK, WARN, ERROR = 0, 1, 2  # levels of diagnostics
 DEPTHS = {CLOUD: 5, ODOMETRY: 100, FIX: 5}  # odometry is small and often, and all of it is needed
 UNSTATED_SIGMA = 5.0  # m, of a receiver that states none
 MOST_WARNINGS = 20  # of broken messages
+SILENCE = 10.0  # s without a scan, after which that is said
 LISTEN = 0.1  # s between looks at whether the localizer still works
 
 
@@ -51,7 +52,7 @@ class Ros2Node:
         self._geographic = None if frame.crs is None else GeographicFrame(frame.crs)
         origin = " ".join(f"{value:.3f}" for value in frame.origin)
         self._frame_words = {"map_origin": origin, "crs": crs_name(frame.crs)}
-        self._odom_frame = "odom"
+        self._odom_frame, self._heard = "odom", clock.monotonic()
         self._publish_pose = wire.publisher("/maxcon/pose", POSE)
         self._publish_transforms = wire.publisher("/tf", TRANSFORMS)
         self._publish_diagnostics = wire.publisher("/diagnostics", DIAGNOSTICS)
@@ -73,6 +74,9 @@ class Ros2Node:
             while thread.is_alive():
                 try:
                     self._wire.listen(LISTEN)
+                    if clock.monotonic() > self._heard + SILENCE:
+                        warn(f"no scan on {names.points} for {SILENCE:.0f} s: is it sent there, in the same domain?")
+                        self._heard = math.inf
                 except (ArrayError, FileError) as error:  # a message that is broken: others may not be
                     if str(error) not in told and len(told) < MOST_WARNINGS:
                         told.add(str(error))
@@ -83,6 +87,7 @@ class Ros2Node:
 
     def _take_cloud(self, message: Any) -> None:
         """Take a scan; FileError if it is broken."""
+        self._heard = clock.monotonic()
         stamp = stamp_of(message, clock.time_ns())
         with as_file_error(Path(self._topics.points), "a point cloud"):
             cloud = decode_points(records_of_message(message), stamp)

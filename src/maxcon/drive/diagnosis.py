@@ -25,8 +25,9 @@ LOWEST, HIGHEST = -5.0, 12.0
 USUAL, FAR_OFF = 1.9, 2.0  # m above the ground, of a sensor on a car; farther off, a prior is tried at that height
 REACH, N_POSES = 5.0, 50
 MOST_TRIED = 3  # epochs; all of them must fit better
-CLEARLY, FEW_REFUSED = 1.05, 0.8
-"""Ratio of the sums of their scores; and part of the epochs from which on a drive is localized as it should be."""
+CLEARLY, ALIKE, FEW_REFUSED = 1.05, 1.1, 0.8
+"""Ratios of the sums of their scores, of one that is better and of those that may all be meant; and part of the epochs
+from which on a drive is localized as it should be."""
 WITHOUT_SEARCH = (Status.UNREADABLE, Status.NO_PRIOR, Status.OUTSIDE_MAP, Status.FAILED)
 
 Points = NDArray[np.float64]
@@ -42,17 +43,15 @@ def check_heights(point_map: PointMap, prior: Trajectory, *, are_orthometric: bo
     if not (median < LOWEST or median > HIGHEST):
         return
     kind = "ellipsoidal heights of the receiver"
-    advice = (
+    hint = (
         "Are the map's heights above the geoid? Say how high that is above the ellipsoid there: --geoid-height,"
         f" about {median - 2.0:.0f} here."
     )
     if are_orthometric:
         kind = "heights above the geoid"
-        advice = "Are the map's heights ellipsoidal? Then give the prior ellipsoidal heights too."
+        hint = "Are the map's heights ellipsoidal? Then give the prior ellipsoidal heights too."
     side = "above" if median > 0 else "below"
-    raise TrajectoryError(
-        f"Expected the prior near the map's ground, got {kind} {abs(median):.1f} m {side} it. {advice}"
-    )
+    raise TrajectoryError(f"Expected the prior near the map's ground, got {kind} {abs(median):.1f} m {side} it. {hint}")
 
 
 def heights_in_words(median: float) -> str:
@@ -85,7 +84,7 @@ def above_ground(point_map: PointMap, positions: NDArray[np.float64]) -> float:
 class Alternative:
     """Something that may be meant otherwise."""
 
-    words: str  # what, and what to do about it, behind "would be localized "
+    words: str  # what, and what to do about it, behind "would be localized were "
     prior: Callable[[Pose], Pose] = lambda prior: prior  # the prior, local frame, if it is meant so
     # Of the scan, sensor frame, from those that were read, the prior and the origin of the map's local frame
     points: Callable[[Points, Pose, Points], Points] = lambda points, prior, origin: points
@@ -97,59 +96,55 @@ def _scalar_first(prior: Pose) -> Pose:
     return replace(prior, roll=roll, pitch=pitch, heading=heading)
 
 
-def _of_degrees(prior: Pose) -> Pose:
-    roll, pitch, heading = (math.radians(angle) for angle in (prior.roll, prior.pitch, prior.heading))
-    return replace(prior, roll=roll, pitch=pitch, heading=heading)
-
-
 def _of_compass(prior: Pose) -> Pose:
     return replace(prior, heading=math.pi / 2.0 - prior.heading)
 
 
+def _angles_in(unit: str, factor: float) -> Alternative:
+    words = f"the angles of the prior in {unit}"
+    return Alternative(words, lambda prior: Pose(*prior.position.tolist(), *(factor * prior.values[3:]).tolist()))
+
+
 def _turn(words: str, roll_deg: float, heading_deg: float) -> Alternative:
     turn = Pose(0.0, 0.0, 0.0, math.radians(roll_deg), 0.0, math.radians(heading_deg))
-    return Alternative(
-        f"were the sensor {words}: put that turn into the prior, T_map_sensor", lambda prior: prior @ turn
-    )
+    angles = " and ".join(f"{key}_deg = {deg:g}" for key, deg in (("roll", roll_deg), ("heading", heading_deg)) if deg)
+    words = f"the sensor {words}: give a --mounting file with {angles} under [sensor]"
+    return Alternative(words, lambda prior: prior @ turn)
 
 
 def _lower(off: float) -> Alternative:
-    side = "lower" if off > 0.0 else "higher"
-    return Alternative(
-        f"were the prior some {abs(off):.0f} m {side}: is its z that of another point, or another height reference?",
-        lambda prior: prior.translated([0.0, 0.0, -off]),
-    )
+    words = f"the prior some {abs(off):.0f} m {'lower' if off > 0.0 else 'higher'}"
+    words += ": is its z that of another point, or another height reference?"
+    return Alternative(words, lambda prior: prior.translated([0.0, 0.0, -off]))
+
+
+def _scaled(words: str, factor: float) -> Alternative:
+    return Alternative(f"the scans {words}", points=lambda points, prior, origin: factor * points)
+
+
+def _placed(frame: str, factor: float) -> Alternative:
+    words = f"the scans in {frame}: write them in the sensor's frame"
+    return Alternative(words, points=lambda points, prior, origin: prior.inverse.apply(points - factor * origin))
 
 
 MIRRORED = Alternative(
-    "were the scans not mirrored: turn the sign of their y", points=lambda points, prior, origin: points * [1, -1, 1]
+    "the scans not mirrored: turn the sign of their y", points=lambda points, prior, origin: points * [1, -1, 1]
 )
 ALTERNATIVES = (
-    Alternative("were the quaternions of the prior qw qx qy qz: write them as qx qy qz qw", _scalar_first),
+    Alternative("the quaternions of the prior qw qx qy qz: write them as qx qy qz qw", _scalar_first),
     _turn("turned by 90 degrees to the left", 0.0, 90.0),
     _turn("turned by 90 degrees to the right", 0.0, -90.0),
     _turn("turned by 180 degrees", 0.0, 180.0),
     _turn("upside down", 180.0, 0.0),
     _turn("upside down and turned by 180 degrees", 180.0, 180.0),
-    Alternative(
-        "were the headings of the prior those of a compass: a heading is 90 degrees less a bearing", _of_compass
-    ),
-    Alternative(
-        "were the angles of the prior in degrees: name their columns roll_deg, pitch_deg, heading_deg", _of_degrees
-    ),
+    Alternative("the headings of the prior those of a compass: a heading is 90 degrees less a bearing", _of_compass),
+    _angles_in("degrees: name their columns roll_deg, pitch_deg, heading_deg", math.pi / 180.0),
+    _angles_in("radians: name their columns roll, pitch, heading", 180.0 / math.pi),
     MIRRORED,
-    Alternative(
-        "were the scans in millimetres: divide their coordinates by 1000",
-        points=lambda points, prior, origin: points / 1000.0,
-    ),
-    Alternative(
-        "were the scans in global coordinates: write them in the sensor's frame",
-        points=lambda points, prior, origin: prior.inverse.apply(points - origin),
-    ),
-    Alternative(
-        "were the scans in the map's local frame: write them in the sensor's frame",
-        points=lambda points, prior, origin: prior.inverse.apply(points),
-    ),
+    _scaled("in millimetres: divide their coordinates by 1000", 0.001),
+    _scaled("in feet: multiply their coordinates by 0.3048", 0.3048),
+    _placed("global coordinates", 1.0),
+    _placed("the map's local frame", 0.0),
 )
 
 
@@ -180,8 +175,8 @@ def alternative_that_fits(
             scores[alternative.words] = sum(found)
     if scores:
         verb = "fit better" if n_localized else "be localized"
-        best = [words for words in scores if CLEARLY * scores[words] >= max(scores.values())]
-        return f"{len(tried)} of {len(tried)} tried would {verb} {'; or '.join(best)}"
+        best = [words for words in scores if ALIKE * scores[words] >= max(scores.values())]
+        return f"{len(tried)} of {len(tried)} tried would {verb} were {'; or were '.join(best)}"
     return "" if n_localized else "meant otherwise (axes, angles, frames) they are not localized either"
 
 

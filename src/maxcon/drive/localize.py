@@ -386,8 +386,9 @@ def check_inside(point_map: PointMap, priors: Sequence[Pose | None], what: str =
         return
     first = point_map.frame.pose_to_global(known[0])
     (x_low, y_low), (x_high, y_high) = point_map.bounds
+    x, y, _ = point_map.frame.to_local([[first.y, first.x, 0.0]])[0].tolist()
     low, high = point_map.frame.to_global([[x_low, y_low, 0.0], [x_high, y_high, 0.0]])
-    remedy = "Are both in the same CRS?"
+    remedy = "Are x and y swapped?" if point_map.covers(x, y, MAP_MARGIN) else "Are both in the same CRS?"
     if max(abs(first.x), abs(first.y)) <= 180.0 and np.abs(low[:2]).max() > FAR_FROM_ZERO:
         remedy += " Degrees belong into a CSV that names them: time,latitude,longitude,... (docs/priors.md)."
     raise MapError(

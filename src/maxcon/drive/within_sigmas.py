@@ -39,9 +39,7 @@ class WithinSigmas:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.largest_half_width < math.inf:
-            raise OptionError(
-                f"Expected a largest half width above 0 m, got {self.largest_half_width}. The default is 24 m."
-            )
+            raise OptionError(f"Expected a largest half width above 0 m, got {self.largest_half_width}. Default: 24 m.")
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Find the pose of a scan around its prior, local frame: see `MaximumConsensus.localize`.

@@ -193,9 +193,7 @@ def _positions(
         else:
             words += " as they are, for the map's CRS does not say what its own are"
     if not np.isfinite(positions).all():
-        raise TrajectoryError(
-            f"{label}: Expected positions where the map's CRS is defined, {got}. Is it the right map?"
-        )
+        raise TrajectoryError(f"{label}: Expected positions where the map's CRS is defined, {got}. Is this the map?")
     return positions, words
 
 

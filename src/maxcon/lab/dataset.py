@@ -210,8 +210,6 @@ def _clouds(file: Path, named: str | tuple[str, ...]) -> tuple[Path, ...]:
         with suppress(OSError, ValueError):  # too long a name; no pattern at all, such as a bare root
             files = [place] if place.is_file() else sorted(filter(Path.is_file, place.parent.glob(place.name)))
         if not files:
-            raise FileError(
-                f"Expected clouds under [map] in {file} to name files, got none for {pattern!r}. Correct it."
-            )
+            raise FileError(f"Expected clouds under [map] in {file} to name files, got none for {pattern!r}. Mend it.")
         found += files
     return tuple(dict.fromkeys(found))

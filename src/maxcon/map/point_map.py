@@ -304,9 +304,7 @@ def stored_tiles(
         columns, layers, counts, normals, means = tiles.columns(key)  # views of the record
         tile = VoxelTile(key, columns, layers, counts, normals, means)
         if not tile.is_in_order:
-            raise MapError(
-                f"Expected the voxels of {tiles.where(key)} in the order of the search, got another. {REBUILD}"
-            )
+            raise MapError(f"Expected voxels of {tiles.where(key)} in the order of the search, got another. {REBUILD}")
         if key not in classes.keys:
             return tile
         (of_voxels,) = classes.columns(key)

@@ -67,9 +67,7 @@ class Scan:
         if not np.isfinite(self.time):
             raise ArrayError(f"Expected a finite `time` of the scan, got {time}.")
         if viewpoints is not None and len(viewpoints.scanners) != len(self.points):
-            raise ArrayError(
-                f"Expected a viewpoint for each of {len(self.points)} points, got {len(viewpoints.scanners)}."
-            )
+            raise ArrayError(f"Expected viewpoints of {len(self.points)} points, got {len(viewpoints.scanners)}.")
         if normals is not None:
             self.normals = _frozen(as_unit_normals(normals, len(self.points), "normals").copy())
 

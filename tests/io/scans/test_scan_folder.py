@@ -178,6 +178,10 @@ def test_three_floats_are_told_from_four(tmp_path):
         same = rng.uniform(-9, 9, (n, 4)).astype("<f4")
         same.tofile(tmp_path / "1.bin")
         np.testing.assert_array_equal(read_scan_file(tmp_path / "1.bin").points, same[:, :3])
+    for width in (3, 4):
+        rows[:, :width].astype("<f8").tofile(tmp_path / "1.bin")
+        with pytest.raises(FileError, match="float64"):
+            read_scan_file(tmp_path / "1.bin")
     rows[:, :4].tofile(tmp_path / "1.bin")
     (tmp_path / "1.bin").write_bytes((tmp_path / "1.bin").read_bytes()[: 12 * 2999])
     with pytest.raises(FileError, match="truncated"):  # four floats, cut where three would fit

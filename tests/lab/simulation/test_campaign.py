@@ -54,10 +54,8 @@ def test_rounds_are_off_by_2_cm_and_points_as_much_as_the_trajectory(campaign):
         np.testing.assert_array_equal(placed.classes, true.classes)
         assert 0.0 < np.abs(offsets).max() < 0.1
     (times, poses), (_, true_poses) = mapping.poses(), true_mapping.poses()
-    for row in range(0, len(times), 5000):
-        np.testing.assert_allclose(
-            poses[row].position - true_poses[row].position, errors.at([times[row]])[0], atol=1e-9
-        )
+    for k in range(0, len(times), 5000):
+        np.testing.assert_allclose(poses[k].position - true_poses[k].position, errors.at([times[k]])[0], atol=1e-9)
     between = np.array([errors.at(drive.times[0] + np.arange(0.0, 160.0, 40.0)) for drive in mapping.drives])
     assert 0.012 < between.std(axis=0).mean() < 0.028
 

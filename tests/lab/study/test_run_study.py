@@ -259,9 +259,7 @@ def test_bad_epochs_become_rows(copied, tried):
         assert [row["status"] for row in rows] == statuses
         assert "truncated" in rows[1]["reason"] and scans[2].name in rows[2]["reason"]
         assert rows[0]["prior_distance"] > 4000.0
-        assert (
-            [row["is_success"] for row in rows] == [row["x"] is not None for row in rows] == [False] * 4 + [True, False]
-        )
+        assert [r["is_success"] for r in rows] == [r["x"] is not None for r in rows] == [False] * 4 + [True, False]
 
 
 def test_methods_that_fail_are_rows_with_their_reason(tried, small_space):

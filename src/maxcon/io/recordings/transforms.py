@@ -149,9 +149,7 @@ class TransformTree:
         for frame in (fixed, moving):
             if frame not in frames:
                 listed = ", ".join(printable(name) for name in frames[:12])
-                raise OptionError(
-                    f"Expected a frame of {self.path}, got {frame!r}. It has {listed or 'no transforms'}."
-                )
+                raise OptionError(f"Expected a frame of {self.path}, got {frame!r}. It has {listed or 'none'}.")
         up, down = self._ancestors(fixed), self._ancestors(moving)
         shared = next((frame for frame in up if frame in down), None)
         if shared is None or fixed == moving:

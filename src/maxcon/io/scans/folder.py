@@ -23,6 +23,7 @@ from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lin
 # The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
 # over a gigabyte (about 200 bytes a point) to localize.
 MAX_SCAN_POINTS = 5_000_000
+LEAST, MOST = 1e-9, 1e9  # m; float64 read as float32 has many numbers beyond
 BLOCK, N_BLOCKS = 12, 400
 """Floats that are whole points of three and of four numbers, and how many such blocks are compared."""
 LEAST_DIFFERENCE = 0.1
@@ -73,6 +74,11 @@ def _read_floats(file: Path) -> tuple[NDArray[np.float64], str]:
     n_bytes = file.stat().st_size
     _check_count(file, n_bytes // 16)
     values = np.fromfile(file, dtype="<f4")
+    sizes = np.abs(values[np.isfinite(values)])
+    if np.count_nonzero((sizes > MOST) | ((sizes > 0.0) & (sizes < LEAST))) > 0.1 * values.size:
+        raise FileError(
+            f"Expected float32 x, y, z, reflectance in {file}, got others. Are they float64? Write float32."
+        )
     if n_bytes and n_bytes % 12 == 0 and _are_triples(values):
         return as_float64(values.reshape(-1, 3)), "x float32, y float32, z float32"
     if n_bytes == 0 or n_bytes % 16:

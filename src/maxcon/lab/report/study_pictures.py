@@ -129,12 +129,12 @@ class StudyScenes(Scenes):
             path, point_map=self.point_map, scan=scan, estimate=estimate,
             accumulator=accumulator, objective=self.objective, others=others, title=f"Epoch {epoch} and its neighbours",
         )  # fmt: skip
-        return Picture.of("overview", path, epoch=epoch)
+        return Picture.of("overview", path, epoch=epoch, score=title_of(self.objective))
 
     def headings(self, path: Path, epoch: int) -> Picture:
         """Draw all headings of an epoch, and its scene."""
         self.draw_epoch(path, epoch, f"Epoch {epoch}: every heading")
-        return Picture.of("headings", path)
+        return Picture.of("headings", path, score=title_of(self.objective))
 
     def comparison(self, path: Path, epochs: Mapping[str, int]) -> Picture:
         """Draw crossing and street, and where the count fails, count beside Helmert (the paper's figure 4)."""
@@ -145,8 +145,9 @@ class StudyScenes(Scenes):
             views = [SearchSpaceView(accumulator, each) for each in objectives]
             rows.append(self.row(f"{label}, epoch {epoch}", epoch, views, scan))
             words.append(f"epoch {epoch}, {SHOWN_BECAUSE[label]}")
-        plot_comparison(path, rows, title=" beside ".join(title_of(each) for each in objectives))
-        return Picture.of("comparison", path, rows="; ".join(words))
+        scores = " beside ".join(title_of(each) for each in objectives)
+        plot_comparison(path, rows, title=scores)
+        return Picture.of("comparison", path, rows="; ".join(words), scores=scores)
 
     def _neighbours(self, epoch: int, rows: MethodRows) -> list[int]:
         """Other epochs with an answer whose search spaces can be drawn beside that of this one, the nearest first."""

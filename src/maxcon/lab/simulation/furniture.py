@@ -57,9 +57,7 @@ class Patch:
 
 def join(patches: Sequence[Patch]) -> Patch:
     """Return one patch with the triangles of all patches, of which there is at least one, in their order."""
-    return Patch(
-        np.concatenate([patch.corners for patch in patches]), np.concatenate([patch.classes for patch in patches])
-    )
+    return Patch(np.concatenate([each.corners for each in patches]), np.concatenate([each.classes for each in patches]))
 
 
 def triangles(corners: ArrayLike, las_class: LasClass) -> Patch:

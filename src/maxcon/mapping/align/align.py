@@ -201,9 +201,7 @@ def align_files(
 def _check_names(inputs: Sequence[Path], names: Sequence[str], out: Path) -> None:
     """Refuse outputs beside an input, as none is ever overwritten, and those of the same name, or a table's."""
     if beside := [path.name for path in inputs if path.resolve().parent == out.resolve()]:
-        raise FileError(
-            f"Expected a folder without what is to be aligned, got {out} with {beside[0]}. Name another folder."
-        )
+        raise FileError(f"Expected a folder without what is to be aligned, got {out} with {beside[0]}. Name another.")
     if twice := [name for name, number in Counter([*names, *TABLES]).items() if number > 1]:
         raise FileError(f"Expected files with names that differ, got {twice[0]} twice, with the tables. Rename one.")
 

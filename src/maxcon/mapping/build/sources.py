@@ -273,7 +273,8 @@ def _check_near(to_sensor: NDArray[np.float64], points: NDArray[np.float64]) -> 
     sensor_x, sensor_y = points[known[0], :2] + to_sensor[known[0], :2]
     raise TrajectoryError(
         f"Expected the trajectory where the points were seen from, got x {sensor_x:.7g}, y {sensor_y:.7g} m for a point"
-        f" at x {x:.7g}, y {y:.7g} m. Are both in the CRS of the map, and x and y in their places?"
+        f" at x {x:.7g}, y {y:.7g} m. Are both in the CRS of the map, that of --to-crs if given, and x and y in"
+        " their places?"
     )
 
 
