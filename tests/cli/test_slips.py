@@ -71,9 +71,8 @@ def test_what_would_fit_is_said_where_nothing_does(localized, priors, prior_rows
 
 
 def test_what_is_said_of_a_turned_sensor_mends_it_and_radians_are_told(localized, priors, tmp_path):
-    (tmp_path / "mounting.toml").write_text("[sensor]\nheading_deg = 90.0\n")
-    ended = localized(rows_of(priors, turned(0.0, math.pi / 2)), options=("--mounting", tmp_path / "mounting.toml"))
-    assert ended.code == 0
+    (mounting := tmp_path / "mounting.toml").write_text("[sensor]\nheading_deg = 90.0\n")
+    assert localized(rows_of(priors, turned(0.0, math.pi / 2)), options=("--mounting", mounting)).code == 0
     ended = localized(rows_of(priors), header="time,x,y,z,roll_deg,pitch_deg,heading_deg")
     assert "the angles of the prior in radians: name their columns roll, pitch, heading" in ended.out
 

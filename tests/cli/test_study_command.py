@@ -119,11 +119,12 @@ def test_an_objective_of_one_s_own_is_compared_with_ours_alike_and_shown_first(
         del each["method"]["objective"]
     assert all(each == mine for each in ours)
     assert maxcon("report", out, "-o", page, "--objective", word).code == 0
-    drawn = tmp_path / "page-figures"
-    assert "Root of det N" in (drawn / "comparison.svg").read_text()
-    assert "Determinant-occupied" in (drawn / "distinctness-occupied.svg").read_text()
+    svg = [(tmp_path / f"page-figures/{name}.svg").read_text() for name in ("comparison", "distinctness-occupied")]
+    assert "Root of det N" in svg[0] and "Determinant-occupied" in svg[1]
     text = page.read_text()
     assert "adjusted to the map" not in text and "The paper says" not in text  # for none of its methods was studied
-    assert "Left: Root of det N of every position" in text
+    assert "Left: Root of det N of every position" in text and "edited since" not in text
+    assert maxcon("report", out, "-o", page, "--objective", "own_scores:Wrong").code == 0
+    assert "it was not studied, or was edited since" in page.read_text()
     wrong = maxcon("study", described, "-o", tmp_path / "bad", "--methods", "own_scores:Wrong", *SMALL, "--epochs", "1")
     assert "the first that failed: Expected an objective to return scores of shape" in wrong.out

@@ -13,6 +13,7 @@ from typing import Any
 
 from maxcon._system import Progress
 from maxcon._system.atomic import check_folder, check_writable, make_folder, sweep
+from maxcon._system.resumable import describe
 from maxcon._system.version import __version__
 from maxcon.errors import OptionError
 from maxcon.lab.dataset import DESCRIPTION
@@ -88,6 +89,11 @@ def report_study(
     sweep(folder)
     report = progress or (lambda step, done, total: None)
     notes = _cautions(study, methods)
+    made = [method["method"] for method in study.configuration.methods.values()]
+    if objective is not None and describe(objective) not in [
+        of.get("objective") for of in made if isinstance(of, dict)
+    ]:
+        notes.append("The objective in the pictures is not in the tables: it was not studied, or was edited since.")
     scenes = open_scenes(study, dataset, prior, notes, objective)
     report("drawing", 0, 2)
     drawn = [] if scenes is None else draw_scenes(folder, scenes, methods, notes)
