@@ -46,6 +46,7 @@ class BestCell:
     runner_up: the ratio.
     is_at_boundary: whether the cell lies at the boundary of the whole space; None where `space` is that.
     share: of the points that were searched with that match; None where they are those of the thinned scan.
+    is_mirrored: whether the mirror image of the scan fits better.
     """
 
     space: SearchSpace
@@ -56,6 +57,7 @@ class BestCell:
     runner_up: float
     is_at_boundary: bool | None = None
     share: float | None = None
+    is_mirrored: bool = False
 
     @classmethod
     def at(cls, candidate: Candidate, point_map: PointMap, runner_up: float, *, is_at_boundary: bool) -> "BestCell":
@@ -63,7 +65,7 @@ class BestCell:
         here = SearchSpace(0.0, heading_half_width_deg=0.0).at(point_map.cell)
         return cls(
             here, candidate.pose, (0, 0, 0), candidate.score, candidate.moments, runner_up, is_at_boundary,
-            candidate.share,
+            candidate.share, candidate.is_mirrored,
         )  # fmt: skip
 
     @property
@@ -185,6 +187,9 @@ class CellSearch:
             reasons.append(f"another place scores {best.runner_up:.2f} of it by Helmert's score")
         elif status is Status.FEW_MATCHES:
             reasons.append(f"{100.0 * share:.1f} % of the points match")
+        if best.is_mirrored:
+            status = Status.MISFIT if self.trust.largest_misfit < math.inf else status
+            reasons.append("the mirror image of the scan fits better: is its y to the left?")
         return Estimate(best.pose, best.score, best.cell, status, cofactor, share, best.runner_up, "; ".join(reasons))
 
     @property

@@ -225,7 +225,9 @@ class MaximumConsensus:
         validated = validate(found, ground, scan, point_map, self.trust, self.risk, passes=passes)
         if validated.is_localized or is_street:
             return validated
-        return self._search_wider(validated, start, scan, point_map)
+        answer = self._search_wider(validated, start, scan, point_map)
+        is_same = math.hypot(answer.pose.x - found.pose.x, answer.pose.y - found.pose.y) <= self.trust.guard_radius
+        return validated if found.status is Status.MISFIT and is_same else answer  # mirrored, it stays so
 
     def _search_wider(self, doubted: Estimate, start: Pose, scan: Scan, point_map: PointMap) -> Estimate:
         """Search around an answer in doubt with larger half widths: the same pose may win, or another one."""

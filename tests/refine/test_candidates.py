@@ -3,17 +3,18 @@
 """Candidates of open spaces: adjusted from large cells, scored where they come to rest."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon import Count, Helmert, MaximumConsensus, Multiplicity, PointMap, Scan, SearchSpace, Status, Weighting
+from maxcon import Count, Helmert, MaximumConsensus, Multiplicity, PointMap, Scan, SearchSpace, Status, Trust, Weighting
 from maxcon.refine.adjustment import FROM_LARGE_CELLS, table_around
 from maxcon.refine.candidates import Scoring, adjusted_candidate, coarse_sample, distinct, find_candidates, moments_at
 from maxcon.search import reference
-from walled_towns import TRUTH, beside, made, twins
+from walled_towns import CELL, TRUTH, beside, made, seen, twins, walls
 
 SCORING = Scoring(Helmert(), Multiplicity.OCCUPIED, Weighting.COSINE)
 
@@ -66,9 +67,25 @@ def test_a_window_within_reach_of_the_adjustment_needs_no_large_cells(town, monk
 
 def test_two_starts_at_one_place_are_one_candidate_and_what_matches_nothing_is_none(town):
     point_map, scan = town
-    near = [adjusted_candidate(scan, point_map, beside(dx), FROM_LARGE_CELLS, SCORING) for dx in (-0.2, 0.2)]
-    far = adjusted_candidate(scan, point_map, beside(0.0, z=50.0), FROM_LARGE_CELLS, SCORING)
+    near = [adjusted_candidate(scan.sample, point_map, beside(dx), FROM_LARGE_CELLS, SCORING) for dx in (-0.2, 0.2)]
+    far = adjusted_candidate(scan.sample, point_map, beside(0.0, z=50.0), FROM_LARGE_CELLS, SCORING)
     assert distinct([*near, far]) == [max(near, key=lambda each: each.score)]
+
+
+def test_a_mirrored_scan_that_fits_a_street_with_like_sides_is_told():
+    points, normals = walls(5, n_walls=12, reach=8.0)
+    flip, is_on_both = np.array([1.0, -1.0, 1.0]), points[:, 0] < 5.0
+    street = (
+        np.concatenate([points, (points * flip)[is_on_both]]),
+        np.concatenate([normals, (normals * flip)[is_on_both]]),
+    )
+    point_map, truth = PointMap.from_points(*street, CELL), replace(TRUTH, heading=0.02)
+    scan = seen(*street, truth, 6)
+    mirrored, prior = Scan(scan.points * flip, scan.normals * flip), truth.translated([1.0, -0.5, 0.0])
+    assert MaximumConsensus(trust=Trust(largest_misfit=math.inf)).localize(mirrored, point_map, prior).is_localized
+    told = MaximumConsensus().localize(mirrored, point_map, prior)
+    assert told.status is Status.MISFIT and "mirror image" in told.reason
+    assert MaximumConsensus().localize(scan, point_map, prior).is_localized
 
 
 def test_twins_make_an_answer_ambiguous():
@@ -80,7 +97,7 @@ def test_twins_make_an_answer_ambiguous():
 def test_height_is_kept_while_partners_are_far_where_the_map_has_no_ground(town):
     point_map, scan = town
     start = beside(0.3, 0.2, turn_deg=0.8)
-    assert abs(adjusted_candidate(scan, point_map, start, FROM_LARGE_CELLS, SCORING).pose.z - TRUTH.z) < 0.03
+    assert abs(adjusted_candidate(scan.sample, point_map, start, FROM_LARGE_CELLS, SCORING).pose.z - TRUTH.z) < 0.03
 
 
 def test_the_coarse_sample_is_thin_and_without_the_ground():

@@ -34,6 +34,8 @@ HELD_HEIGHT_SIGMA, HELD_TILT_SIGMA = 0.03, 0.002
 ON_GROUND = 0.25
 # Candidates that score so much of the best one are adjusted to the end before they are compared.
 CONTENDING = 0.5
+# A scan whose y axis is to the right is a mirror image. One is adjusted to the end if it has so much of the share.
+MIRROR, NEARLY = np.array([1.0, -1.0, 1.0]), 0.97
 # A window that reaches no farther than this, m and degrees, is within reach of the adjustment: no large cells are
 # searched.
 IN_REACH, IN_REACH_DEG = 0.5, 1.5
@@ -47,12 +49,14 @@ class Candidate:
     - score: by the objective.
     - moments: shape (4,); of the sample at the pose, in the map's own voxels.
     - share: of the points of the sample that match.
+    - is_mirrored: whether the mirror image of the scan fits better.
     """
 
     pose: Pose
     score: float
     moments: Moments
     share: float
+    is_mirrored: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +85,27 @@ def find_candidates(
         left_open = coarse.coarse_search(points, point_map, prior, space, ratio, n_threads)
     if not left_open.poses:
         return [], left_open.rest_ratio
-    table = table_around(scan.sample, point_map, left_open.poses)
-    adjust = partial(adjusted_candidate, scan, point_map, scoring=scoring, table=table)
+    sample = scan.sample
+    table = table_around(sample, point_map, left_open.poses)
+    adjust = partial(adjusted_candidate, sample, point_map, scoring=scoring, table=table)
     found = distinct([adjust(pose, FROM_LARGE_CELLS) for pose in left_open.poses])
     contending = [each for each in found if each.score >= CONTENDING * found[0].score]
     if len(contending) > 1:
         found = distinct([adjust(each.pose, LAST_PASSES) for each in contending] + found[len(contending) :])
+    if found and left_open.image is not None:
+        found[0] = replace(found[0], is_mirrored=_fits_better(sample, found[0], left_open.image, point_map, scoring))
     return found, left_open.rest_ratio
+
+
+def _fits_better(sample: Scan, found: Candidate, image: Pose, point_map: PointMap, scoring: Scoring) -> bool:
+    """Whether the mirror image of a scan fits better around a pose than the scan itself at a candidate."""
+    mirrored = Scan(sample.points * MIRROR, sample.normals * MIRROR)
+    fit = adjusted_candidate(mirrored, point_map, image, FROM_LARGE_CELLS, scoring)
+    if fit.share < NEARLY * found.share:
+        return False
+    fit = adjusted_candidate(mirrored, point_map, fit.pose, LAST_PASSES, scoring)
+    own = adjusted_candidate(sample, point_map, found.pose, LAST_PASSES, scoring)
+    return fit.score > own.score and fit.share > own.share
 
 
 def distinct(found: list[Candidate]) -> list[Candidate]:
@@ -109,7 +127,7 @@ def coarse_sample(scan: Scan) -> NDArray[np.float64]:
 
 
 def adjusted_candidate(
-    scan: Scan,
+    sample: Scan,
     point_map: PointMap,
     start: Pose,
     passes: Sequence[Pass],
@@ -120,7 +138,6 @@ def adjusted_candidate(
 
     table: the voxels around it, if they are at hand.
     """
-    sample = scan.sample
     if table is None:
         table = table_around(sample, point_map, [start])
     is_held = passes is FROM_LARGE_CELLS and not point_map.has_ground

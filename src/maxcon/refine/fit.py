@@ -23,7 +23,7 @@ PATCH_OFF = 0.05
 """A patch of the scan is off if the median of the distances of its points exceeds this, m."""
 USUALLY_OFF, FALSE_ALARM_SIGMAS = 0.15, 4.0
 """Of right answers up to this fraction of the patches is off, and their number scatters as drawn at random."""
-SIDE_POINTS, FACING, LEAST_FOUND = 40, 0.75, 0.25
+SIDE_POINTS, FACING, LEAST_FOUND = 60, 0.75, 0.25
 """Walls to the left and to the right are compared by so many points each, with a normal of this part along an axis,
 where on the better side at least this fraction is found ..."""
 LEAST_BESIDE, LEAST_ACROSS = 0.12, 0.15

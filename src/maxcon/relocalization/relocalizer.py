@@ -166,7 +166,7 @@ class Relocalizer:
             start = pose_above_ground(self.map, x, y, heading, T_ground_sensor)
             ground = fit_ground(scan, self.map, start)
             start = start if ground is None else ground.pose
-            found.append(adjusted_candidate(scan, self.map, start, FROM_LARGE_CELLS, SCORING))
+            found.append(adjusted_candidate(scan.sample, self.map, start, FROM_LARGE_CELLS, SCORING))
         found = distinct(found)
         return [each for each in found if each.score > 0.0 and each.score >= self._followed * found[0].score]
 
@@ -183,7 +183,7 @@ class Relocalizer:
         runner_up = max(left_out, rivals[1].score / rivals[0].score if len(rivals) > 1 else 0.0)
         # Adjusting to the end decides which of the rivals is best; that there are rivals stays true.
         if len(rivals) > 1:
-            rivals = [adjusted_candidate(scan, self.map, each.pose, LAST_PASSES, SCORING) for each in rivals]
+            rivals = [adjusted_candidate(scan.sample, self.map, each.pose, LAST_PASSES, SCORING) for each in rivals]
             rivals.sort(key=lambda each: -each.score)
         best, area = rivals[0], self.area
         # In the outermost large cell of the circle.

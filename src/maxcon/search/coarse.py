@@ -9,7 +9,7 @@ It is bounded first by sums of bytes along two axes, which is fast, and computed
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -36,16 +36,22 @@ SAME_POSE, SAME_POSE_DEG = 1.0, 4.0
 """Cells this near to each other, m and degrees, are one candidate."""
 AT_ONCE, MOST_CERTAIN = 64, 0.9
 """So many cells are scored at once; at first some whose bound reaches this ratio to the highest one."""
+IMAGE_RATIO, IMAGE_WITHIN, IMAGE_WITHIN_DEG = 0.75, 8.0, 4.0
+"""A mirror image that scores so much of the scan itself, so near to its best cell, m and degrees, is told of."""
 MOST_SCORED = 4096
 """Where so many cells are worth nothing, as along a single wall, no more are scored."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeftOpen:
-    """Poses of large cells near the best, the highest score first; no other exceeds the ratio `rest_ratio` to it."""
+    """Poses of large cells near the best, the highest score first; no other exceeds the ratio `rest_ratio` to it.
+
+    image: where the mirror image of the scan scores most near the best pose, if it comes near its score.
+    """
 
     poses: list[Pose]
     rest_ratio: float
+    image: Pose | None = None
 
 
 def coarse_search(
@@ -79,7 +85,18 @@ def coarse_search(
         scores, reaching = highest_cells(points, grid, raised, cells.plane, ratio, best, n_threads)
         best = max(best, scores.max(initial=0.0))
         found += _distinct(scores, reaching, cells, raised)
-    return _left_open(found, ratio)
+    left_open = _left_open(found, ratio)
+    return replace(left_open, image=_image(points, grid, left_open.poses[0], best, n_threads)) if found else left_open
+
+
+def _image(points: NDArray[np.float64], grid: NormalGrid, pose: Pose, score: float, n_threads: int) -> Pose | None:
+    """Where the mirror image of a scan, y for -y, scores most around a pose, if as much as `IMAGE_RATIO` of a score."""
+    cells = SearchSpace(IMAGE_WITHIN, heading_half_width_deg=IMAGE_WITHIN_DEG).at(grid.cell, STEP_DEG)
+    scores, reaching = highest_cells(points * [1.0, -1.0, 1.0], grid, pose, cells, 1.0, IMAGE_RATIO * score, n_threads)
+    if not len(scores):
+        return None
+    heading, y, x = reaching[np.argmax(scores)].tolist()
+    return cells.pose((heading, y, x), replace(pose, roll=-pose.roll))
 
 
 def _about_sensor(points: NDArray[np.float64], prior: Pose) -> NDArray[np.float64]:
@@ -127,7 +144,7 @@ def highest_cells(
         return Helmert().score(np.column_stack([np.zeros(len(asked)), moments / NORMAL_STEPS**2]))
 
     along = sums(grid.along, np.tile([0, n_offsets], (len(headings), 1))) / PRODUCT_STEPS
-    leading = np.flatnonzero((along > 0.0) & (along >= MOST_CERTAIN * along.max()))[:AT_ONCE]
+    leading = np.flatnonzero((along > 0.0) & (along >= max(MOST_CERTAIN * along.max(), ratio * best)))[:AT_ONCE]
     best = max(best, scores(np.column_stack(np.unravel_index(leading, along.shape))).max(initial=0.0))
     is_open = (along > 0.0) & (along >= ratio * best)
     has_open = np.any(is_open, axis=2)
