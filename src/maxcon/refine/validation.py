@@ -53,7 +53,8 @@ def validate(
     Returns with a refined pose, covariance and protection level where it is localized still, with a reason where not.
     """
     start = found.pose if ground is None else ground.pose
-    if not found.is_localized:
+    is_image_better = found.status is Status.MISFIT  # of the scan as it is
+    if not (found.is_localized or is_image_better):
         return replace(found, pose=start)
     height_sigma, tilt_sigma = HEIGHT_SIGMA, TILT_SIGMA
     if ground is not None:
@@ -73,11 +74,11 @@ def validate(
     if status is Status.LOCALIZED:
         fit = fit_of(refined, scan.sample, point_map, table)
         reason = "; ".join(filter(None, [found.reason, fit.words]))
-        if fit.misfit > trust.largest_misfit:
+        if fit.misfit > trust.largest_misfit or (is_image_better and fit.refined is refined):
             return replace(found, pose=start, status=Status.MISFIT, reason=reason)
         pose, errors = fit.refined.pose, covariance(fit.refined, point_map.sigma) + fit.covariance
         level = protection_level(errors, pose.heading, risk)
-        return replace(found, pose=pose, covariance=errors, protection_level=level, reason=reason)
+        return replace(found, pose=pose, status=status, covariance=errors, protection_level=level, reason=reason)
     reason = f"{refined.n_planes} points on planes of the map, {refined.moved:.2f} m from the best cell"
     if status is Status.WALLS_MISSING:
         reason = "the scan has hardly any wall points" if walls is None else walls.words
