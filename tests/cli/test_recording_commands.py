@@ -61,32 +61,17 @@ def test_a_recording_beside_files(localize, recordings, assert_same):
     assert_same(localize(scans=recordings["bag"], out="b.csv"), "b.csv")
 
 
-def test_what_is_asked_of_a_recording_and_is_not_there(localize, refused, drive, recordings, tmp_path):
-    bag, times = recordings["bag"], drive.dataset.scans / "times.txt"
+def test_what_is_asked_of_a_recording_and_is_not_there(localize, refused, recordings, tmp_path):
+    bag = recordings["bag"]
     for options, words in (
-        (("--prior-frames", "map"), ("FIXED:MOVING", "'map'")),
-        (("--prior-frames", "map:sensor"), ("a frame of", "It has none")),
         (("--prior-frames", "a:b", "--prior-topic", "/c"), ("either --prior-topic or --prior-frames",)),
         (("--topic", "/a"), ("/points", "/a")),
         (("--prior-topic", "/a"), ("/a", "no such topic", "/gnss/fix")),
-        (("--times", times), ("no times beside",)),
         (("--deskew",), ("a time for each point of /points#0", "--turn-time")),
     ):
         refused(localize(*options, scans=bag, prior=None), *words)
-    refused(localize(scans=bag.with_name("missing.bag"), prior=None), "no such file")
     refused(localize(prior=None), "--prior with rough poses")
     assert not (tmp_path / "poses.csv").exists()
-
-
-def test_heights_of_another_kind_are_refused(localize, refused, drive, tmp_path):
-    prior = read_trajectory(drive.dataset.prior)
-    lifted = type(prior)(prior.times, prior.positions + [0.0, 0.0, 46.0], prior.quaternions_xyzw)
-    path = tmp_path / "drive.mcap"
-    record_drive(path, open_scans(drive.dataset.scans), lifted, CRS)
-    refused(localize(scans=path, prior=None), "above it", "--geoid-height, about 46")
-    ended = localize("--geoid-height", "46", scans=path, prior=None)
-    assert (ended.code, ended.err) == (0, "")
-    assert "heights: the receiver's (ellipsoidal) less 46 m" in ended.out
 
 
 def test_a_recording_needs_the_extra_recordings(localize, refused, recordings, monkeypatch):

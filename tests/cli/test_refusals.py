@@ -32,23 +32,20 @@ def shifted(rows, column, by):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("change", "words"),
     [
-        ("none.txt", None, ("none.txt", "no such file", "Check its path")),
-        ("a.txt", (0, 1e9), ("a.txt and ", "386400.000", "same clock", "--times")),
-        ("a.txt", (2, -1e6), ("a.txt and ", "city.map", "inside the map", "y 4801", "same CRS")),
-        ("a.txt", (1, 1e300), ("inside the map",)),
+        ((0, 1e9), ("a.txt and ", "386400.000", "same clock", "--times")),
+        ((2, -1e6), ("a.txt and ", "city.map", "inside the map", "y 4801", "same CRS")),
+        ((1, 1e300), ("inside the map",)),
     ],
 )
-def test_priors_of_no_use(not_localized, prior_rows, tmp_path, name, content, words):
-    if content is not None:
-        (tmp_path / name).write_text(content if isinstance(content, str) else shifted(prior_rows, *content))
-    not_localized(*words, prior=tmp_path / name)
+def test_priors_of_no_use(not_localized, prior_rows, tmp_path, change, words):
+    (tmp_path / "a.txt").write_text(shifted(prior_rows, *change))
+    not_localized(*words, prior=tmp_path / "a.txt")
 
 
 def test_scans_of_no_use(not_localized, drive, tmp_path):
     scans, times = tmp_path / "scans", tmp_path / "clock.txt"
-    not_localized(tmp_path / "missing", "no such file", scans=tmp_path / "missing")
     not_localized("times.txt", scans=drive.dataset.map_clouds[0].parent)  # a map is no folder of scans
     times.write_text("1\n")
     not_localized("4 times", times, "got 1", options=("--times", times))
@@ -59,12 +56,7 @@ def test_scans_of_no_use(not_localized, drive, tmp_path):
 
 
 def test_maps_of_no_use(not_localized, maxcon, refused, drive, tmp_path):
-    (tmp_path / "notes.txt").touch()
-    for name, got in (
-        ("a" * 300, "too long"), ("missing.map", "no manifest.json there"), ("notes.txt", "Not a directory"),
-    ):  # fmt: skip
-        not_localized(name, got, city=tmp_path / name)
-        refused(maxcon("map", "info", tmp_path / name), name, got)
+    not_localized("missing.map", "no manifest.json there", city=tmp_path / "missing.map")
     city = shutil.copytree(drive.city, tmp_path / "city.map")
     (shard,) = (city / "tiles").glob("*.arrows")
     content, table = bytearray(shard.read_bytes()), read_manifest(city).tiles
@@ -82,31 +74,19 @@ def test_maps_of_no_use(not_localized, maxcon, refused, drive, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("--half-width 3000 --heading-half-width-deg 180 --cell 0.06", ("cells", "7.21e+12", "Narrow")),
-        ("--cell 0.05 --half-width 1", ("voxel edge", "0.05")),
         ("--sigma-position 1", ("--sigma-position together with --sigma-heading-deg",)),
         ("--sigmas 3", ("--sigmas together with --sigma-position or a CSV prior with covariances and no --track",)),
         ("SIGMAS --sigmas inf", ("--sigmas to be a finite number >= 0, got inf",)),
-        ("SIGMAS --sigmas 0", ("`k` > 0 standard deviations",)),
         ("SIGMAS --half-width 3", ("either --half-width or --sigma-position",)),
-        ("SIGMAS --largest-half-width 0", ("largest half width above 0 m", "got 0.0", "24 m")),
-        ("--max-gap -1", ("max_gap", "-1")),
-        ("--plot-epochs 4", ("--plot-epochs", "0 to 3", "'4'")),
-        ("--risk 2", ("risk",)),
         ("--odometry o.txt", ("Expected --odometry together with --track or --deskew, got it alone.",)),
         ("--track --drift 0.01", ("Expected --drift together with --odometry, got it alone.",)),
-        ("--track --odometry missing.txt", ("missing.txt",)),
         ("--track --resume", ("either --track or --resume",)),
         ("--track --workers 2", ("either --track or --workers or --scheduler",)),
-        ("--deskew --turn-time 10", ("of up to 2 s, got 10",)),
         ("--resume --overwrite", ("either --resume or --overwrite",)),
-        ("--workers 2 --scheduler tcp://127.0.0.1:1", ("Leave out --workers or --scheduler",)),
         ("--mounting missing.toml", ("missing.toml",)),
-        ("--topic /a", ("asked of a recording",)),
         ("--geoid-height 40", ("not in latitude and longitude, or --geoid-height",)),
         ("--odometry-topic /a", ("--odometry-topic together with --odometry and a recording",)),
         ("--prior-frames a:b", ("is no recording, or --prior-frames",)),
-        ("--objective Helmert", ("'count', 'helmert', 'max-eigenvalue'",)),
         ("--objective nowhere_at_all:Name", ("ModuleNotFoundError",)),
         ("--objective math:pi", ("`score",)),
     ],
@@ -150,9 +130,6 @@ def test_clouds_of_no_use(not_built, write_las, street, street_npz, tmp_path):
     np.savez(far, points=np.concatenate([street, [[1e300, 0.0, 0.0]]]))
     drive.write_text("0 550000 5802000 62 0 0 0 1\n9 550001 5802000 62 0 0 0 1\n")
     not_built(tmp_path / ("a" * 300), words=["too long"])
-    (tmp_path / "folder").mkdir()
-    not_built(tmp_path / "folder", words=["point clouds in", "folder", ".pcd", "got none"])
-    not_built(street_npz, street_npz, words=["street.npz", "more than once"])
     not_built(street_npz, broken_half_way(write_las("b.laz", crs=None)), words=["b.laz"])  # the first was whole
     not_built(far, words=[far, "farther away", "Remove it"])
     not_built(zero, "--trajectory", drive, words=["zero.npz", "gps_time is 0", "--trajectory"])
@@ -163,15 +140,7 @@ def test_clouds_of_no_use(not_built, write_las, street, street_npz, tmp_path):
     [
         ("--drop foo", ("'foo'", "ground", "vegetation", "--vehicle-class 64")),
         ("--vehicle-class 64 --keep-all", ("either --keep-all or --vehicle-class",)),
-        ("--drop building", ("none of the 3,000 points",)),
-        ("--sigma=-0.01", ("sigma", ">= 0 m", "-0.01", "Leave it out")),
-        ("--area 1,2,3", ("x_min,y_min,x_max,y_max", "1,2,3")),
-        ("--area 0,0,1,1", ("lie outside of the area", "street.laz", "Check --area and the CRS.")),
         ("--cell 6", ("in metres", "centimetres")),
-        ("--crs EPSG:25833", ("street.laz", "EPSG:25833", "leave out --crs")),
-        ("--to-crs EPSG:4326", ("WGS 84",)),
-        ("--crs EPSG:99999999", ("EPSG:25832",)),
-        ("--trajectory none.txt", ("none.txt", "no such file")),
         ("--threads 2 --scheduler tcp://127.0.0.1:1", ("either --threads or --scheduler",)),
     ],
     ids=lambda value: value[:30] if isinstance(value, str) else "",

@@ -74,9 +74,7 @@ def test_epochs_without_an_answer_are_rows_with_their_status(relocalize, drive, 
         ("--radius 50", ("--radius together with --around X,Y",)),
         ("--around nan,3", ("--around X,Y",)),
         ("--around 1,2", ("within 300 m", "CRS")),
-        ("--around 1,2 --radius -5", ("radius",)),
         ("--tum x.tum", ("--tum together with --out",)),
-        ("--risk 2", ("risk",)),
     ],
 )
 def test_slips_are_one_line(relocalize, refused, options, words):

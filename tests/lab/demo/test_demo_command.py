@@ -10,13 +10,14 @@ import sys
 import pyarrow.csv
 import pytest
 
-from maxcon.cli import main
+from maxcon.errors import FileError
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.demo import ANSWERS, DEMO_METHODS, DEMO_NAMES, DemoResults
 from maxcon.lab.demo_page import worst_of_the_count
 from maxcon.lab.study.table import MethodRows, table_schema
 from maxcon.map import PointMap
 from study_tables import study_table
+from written_maps import run
 
 
 def _answers(folder):
@@ -124,18 +125,14 @@ def test_a_second_run_replaces_it_by_the_same_poses(demo):
         ("missing/demo", ("missing", "No such file or directory")),
     ],
 )
-def test_anything_else_is_not_replaced(out, words, tmp_path, monkeypatch, capfd):
+def test_anything_else_is_not_replaced(out, words, tmp_path):
     (tmp_path / "part" / "pictures").mkdir(parents=True)
     (tmp_path / "old").mkdir()
     for name in ("report.html", "thesis.tex"):
         (tmp_path / "old" / name).touch()
-    monkeypatch.setattr(sys, "argv", ["maxcon", "demo", "--out", str(tmp_path / out)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    printed, told = capfd.readouterr()
-    assert (ended.value.code, printed) == (2, "")
-    assert told.startswith("maxcon: Expected") and told.count("\n") == 1
-    assert all(word in told for word in words)
+    with pytest.raises(FileError, match=r"^Expected") as refused:
+        run("demo", "--out", tmp_path / out)
+    assert all(word in str(refused.value) for word in words)
     left = ["old", "part", "pictures", "report.html", "thesis.tex"]
     assert sorted(path.name for path in tmp_path.rglob("*")) == left
 

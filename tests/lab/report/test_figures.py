@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
 import maxcon
 from drawn_figures import HOSTILE, BelowZero, assert_all_fits, parts, png_size, words, yard
@@ -180,6 +181,14 @@ def _certainty(n):
     sigmas[:, statuses != "localized"] = np.nan
     errors[:, statuses == "unreadable scan"] = np.nan
     return errors, sigmas, statuses
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The figures that were saved, as they were drawn."""
+    figures, save = [], Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *to, **how: figures.append(self) or save(self, *to, **how))
+    return figures
 
 
 @pytest.mark.parametrize("n_epochs", [1, 1001])

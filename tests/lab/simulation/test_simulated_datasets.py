@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Datasets on disk: readable, whole or absent, the same for the same seed, and true; `maxcon simulate`."""
 
-import sys
 from dataclasses import replace
 
 import laspy
@@ -11,7 +10,6 @@ import pytest
 from scipy.spatial import cKDTree
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
-from maxcon.cli import main
 from maxcon.errors import OptionError
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab import simulation
@@ -21,6 +19,7 @@ from maxcon.lab.simulation.furniture import LasClass
 from maxcon.lab.simulation.scanners import ProfileScanner, RotatingScanner
 from maxcon.lab.simulation.worlds import CampaignWorld, SuburbWorld
 from maxcon.mapping.build import build_map
+from written_maps import run
 
 THINNEST = {
     "mapping_scanners": (ProfileScanner(line_rate=2.0, points_per_line=30),),
@@ -233,21 +232,6 @@ def test_wrong_options_are_refused(tmp_path, make, wrong, words):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.fixture
-def command(monkeypatch, capsys):
-    """Run `maxcon simulate` in this process; return its exit code and what it printed."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["maxcon", "simulate", *map(str, arguments)])
-        try:
-            main()
-        except SystemExit as ended:
-            return ended.code or 0, capsys.readouterr()
-        return 0, capsys.readouterr()
-
-    return call
-
-
 PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
 
 
@@ -272,17 +256,15 @@ PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uni
     ],
 )
 def test_options_are_passed_on_and_the_parts_are_said(
-    request, command, monkeypatch, tmp_path, name, dataset_name, options, asked, parts
+    request, monkeypatch, tmp_path, name, dataset_name, options, asked, parts
 ):
     dataset, calls = request.getfixturevalue(dataset_name), []
     monkeypatch.setattr(simulation, name, lambda out, **given: calls.append((out, given)) or dataset)
-    code, printed = command(tmp_path / "out", *options)
-    assert (code, printed.err) == (0, "")
+    first, *lines = run("simulate", tmp_path / "out", *options).splitlines()
     ((out, given),) = calls
     del given["progress"]
     assert out == tmp_path / "out"
     assert given == {"seed": 0, "overwrite": False, **asked}
-    first, *lines = printed.out.splitlines()
     assert first == str(dataset.folder)
     assert [line[:13].strip() for line in lines] == parts
     assert all(f" {dataset.folder}/" in line for line in lines if not line.startswith("map sigma"))

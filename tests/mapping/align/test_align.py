@@ -10,16 +10,16 @@ import shutil
 import laspy
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from maxcon.cli import app
 from maxcon.errors import CrsError, FileError, MapError, OptionError
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.mapping.align import AlignmentOptions, align_files
 from maxcon.mapping.build.map_sigma import UNKNOWN_SIGMA, aligned_sigma
 from maxcon.scan.trajectory import Trajectory
+from written_maps import run
 
 ORIGIN = np.array([550_000.0, 5_802_000.0, 60.0])
+COMMAND = ("map", "align")
 PRIOR = {"georeference_sigma": 0.1, "georeference_sigma_deg": 0.2}
 
 
@@ -155,9 +155,7 @@ def test_a_pass_elsewhere_stays_and_is_told(tmp_path, write_las, scene):
     np.testing.assert_allclose(coordinates(tmp_path / "out/2.laz")[0], coordinates(clouds[2])[0], atol=1e-6)
     gap = coordinates(tmp_path / "out/1.laz")[0].mean(axis=0) - coordinates(tmp_path / "out/0.laz")[0].mean(axis=0)
     was = coordinates(clouds[1])[0].mean(axis=0) - coordinates(clouds[0])[0].mean(axis=0)
-    ended = run(*clouds, "-o", tmp_path / "again", "--passes", "file")
-    assert ended.exit_code == 0, ended
-    note = ended.output.splitlines()[-1]
+    note = run(*COMMAND, *clouds, "-o", tmp_path / "again", "--passes", "file").splitlines()[-1]
     assert note.startswith("note         2.laz (") or note.startswith("note         pass 3 (")
     assert note.endswith("cannot be connected to any other: it stays where it was")
     np.testing.assert_allclose(gap - was, [-0.08, -0.03, 0.0], atol=0.006)
@@ -185,17 +183,9 @@ def test_passes_at_the_same_time_have_no_trajectory(tmp_path, write_las, scene):
         align_files(clouds, tmp_path / "out", AlignmentOptions(passes_by="file"), trajectories=[trajectory])
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, ["map", "align", *map(str, arguments), "-q"])
-
-
 def test_it_says_how_far_passes_lay_apart_and_what_that_makes_of_a_map(three_passes, tmp_path):
     clouds, _ = three_passes
-    refused = run(*clouds, "-o", tmp_path / "out", "--passes", "colour")
-    assert isinstance(refused.exception, OptionError) and not (tmp_path / "out").exists()
-    ended = run(*clouds, "-o", tmp_path / "out", "--georeference-sigma-deg", "0.2")
-    assert ended.exit_code == 0, ended
-    lines = ended.output.splitlines()
+    lines = run(*COMMAND, *clouds, "-o", tmp_path / "out", "--georeference-sigma-deg", "0.2").splitlines()
     assert lines[0] == str(tmp_path / "out")
     assert lines[1] == "passes       3, told apart by time"
     assert lines[3] == "corrections  a motion of each pass, rigid"

@@ -4,10 +4,10 @@
 
 from types import SimpleNamespace
 
-import laspy
 import numpy as np
-import pyproj
 import pytest
+
+import written_las
 
 
 def write_npz(path, points, **arrays):
@@ -25,16 +25,8 @@ def write_ply(path, points, normals=None):
     return path
 
 
-def write_las(path, points, classes=0, times=0.0, crs=None, scale=0.001):
-    """Write LAS or LAZ; coordinates become whole multiples of `scale`."""
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales, header.offsets = [scale] * 3, np.floor(points.min(axis=0))
-    if crs is not None:
-        header.add_crs(pyproj.CRS.from_user_input(crs))
-    cloud = laspy.LasData(header)
-    cloud.x, cloud.y, cloud.z = points.T
-    cloud.classification[:], cloud.gps_time[:] = classes, times
-    cloud.write(str(path))
+def write_las(path, points, classes=0, times=0.0, **header):
+    written_las.write_las(path, points, classes=classes, times=times, **header)
     return path
 
 

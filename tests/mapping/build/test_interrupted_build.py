@@ -17,22 +17,6 @@ from maxcon.map.store import MapWriter
 from maxcon.mapping.build import build_map
 
 
-def test_a_map_that_exists_is_replaced_only_if_asked_and_nothing_else_is(tmp_path, cloud_files, some_points):
-    one = cloud_files.npz(tmp_path / "one.npz", some_points)
-    other = cloud_files.npz(tmp_path / "other.npz", some_points[:70])
-    build_map([one], tmp_path / "a.map")
-    with pytest.raises(FileError, match=r"a\.map not to exist yet, but it does"):
-        build_map([other], tmp_path / "a.map")
-    assert read_manifest(tmp_path / "a.map").n_points == 200
-    build_map([other], tmp_path / "a.map", overwrite=True)
-    assert read_manifest(tmp_path / "a.map").n_points == 70
-    (tmp_path / "photos").mkdir()
-    (tmp_path / "photos" / "summer.jpg").write_text("dear")
-    with pytest.raises(FileError, match=r"photos to be a map, to overwrite it, but it holds summer\.jpg"):
-        build_map([one], tmp_path / "photos", overwrite=True)
-    assert (tmp_path / "photos" / "summer.jpg").read_text() == "dear"
-
-
 @pytest.mark.parametrize("where", ["put", "finish"])
 def test_a_broken_source_and_a_full_disk_leave_nothing_behind(tmp_path, cloud_files, scene, monkeypatch, where):
     path = cloud_files.npz(tmp_path / "a.npz", scene)

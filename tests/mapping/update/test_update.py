@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from maxcon import PointMap
+from maxcon.cli import app
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.export import PoseRow
 from maxcon.lab.dataset import open_drives
@@ -17,7 +19,7 @@ from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import read_manifest
 from maxcon.mapping.update import LocalizedDrive, UpdateOptions, update_map
 from street_of_boxes import CAR, CELL, OTHER_CAR, WALL, DriveOfBoxes, inside, map_of
-from written_maps import write
+from written_maps import run, write
 
 
 def parked(*boxes):
@@ -161,3 +163,15 @@ def test_drives_are_named_in_turn(tmp_path):
     (tmp_path / "scans/times.txt").write_text("1\n2\n3\n")
     with pytest.raises(FileError, match="when there is no"):
         open_drives([scans, poses])
+
+
+def test_the_command_updates_a_map_that_tells_its_history(street, tmp_path):
+    scans, poses = DriveOfBoxes(parked(OTHER_CAR)).write(tmp_path)
+    run("map", "update", street, scans, poses, "-o", tmp_path / "b.map")
+    said = CliRunner().invoke(app, ["map", "info", str(tmp_path / "b.map"), "--check"]).output
+    assert "update       1 of street.map" in said and "poses.csv (40 looks)" in said
+    last = read_manifest(tmp_path / "b.map").build["updates"][-1]
+    assert f"{last['n_gone']:,} voxels" in said and min(last["n_gone"], last["n_new"]) > 1000
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b.map", "poses.csv", "scans"]
+    with pytest.raises(FileError, match="exist"):
+        run("map", "update", street, scans, poses, "-o", tmp_path / "b.map")
