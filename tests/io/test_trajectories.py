@@ -3,14 +3,9 @@
 """Trajectories in TUM and CSV files: round trips, and every way a file can be wrong."""
 
 import math
-import tempfile
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as st_np
 
 from maxcon.errors import FileError, TrajectoryError
 from maxcon.geometry import Pose
@@ -51,26 +46,6 @@ def test_what_is_written_reads_back(tmp_path, name, save):
     if save is write_csv:
         np.testing.assert_array_equal(got.covariances, wanted.covariances)
     assert [path.name for path in tmp_path.iterdir()] == [name]
-
-
-NUMBER = st.floats(-1e8, 1e8)
-
-
-@given(
-    st.lists(NUMBER, min_size=1, max_size=6, unique=True).map(sorted),
-    st_np.arrays(np.float64, (6, 3), elements=NUMBER),
-    st_np.arrays(np.float64, (6, 3), elements=st.floats(-math.pi, math.pi)),
-)
-def test_any_trajectory_reads_back_from_tum(times, positions, angles):
-    n = len(times)
-    wanted = Trajectory(times, positions[:n], quaternions_from_angles(*angles[:n].T))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "any.tum"
-        write_tum(path, wanted)
-        got = read_trajectory(path)
-    np.testing.assert_array_equal(got.times, wanted.times)
-    np.testing.assert_array_equal(got.positions, wanted.positions)
-    np.testing.assert_allclose(got.quaternions_xyzw, wanted.quaternions_xyzw, atol=1e-14)
 
 
 def test_tum_takes_and_writes_comments_and_takes_any_blanks_and_line_ends(tmp_path):

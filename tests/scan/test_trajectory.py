@@ -137,13 +137,6 @@ def test_times_that_are_refused(time, max_gap, error, words):
             drive([0.0, 1.0]).positions_at([time], max_gap=max_gap)
 
 
-def test_between_two_poses_position_is_linear_and_heading_takes_the_short_way():
-    first, second = (Pose(*UTM, 0.0, 0.0, math.pi - 0.1), Pose(*(UTM + np.array([1, 2, 4])), 0.0, 0.0, -math.pi + 0.1))
-    middle = Trajectory.from_poses([10.0, 10.4], [first, second]).at(10.1)
-    np.testing.assert_allclose(middle.position, UTM + np.array([0.25, 0.5, 1.0]), atol=1e-9)
-    assert middle.heading == pytest.approx(math.pi - 0.05)
-
-
 def test_at_a_pose_it_is_that_pose_whatever_the_gaps():
     trajectory = Trajectory.from_poses([0.0, 100.0], [Pose(*UTM, 0, 0, 1.0), Pose(*(UTM + 5), 0, 0, 2.0)])
     for time, i in ((0.0, 0), (-0.001, 0), (-0.0009, 0), (0.0009, 0), (99.9995, 1), (100.0, 1), (100.0009, 1)):

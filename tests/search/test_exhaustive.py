@@ -159,26 +159,6 @@ def test_tiles_far_apart_at_once():
     assert moments[..., 0].sum() == 2
 
 
-@given(SEEDS, st.sampled_from(["occupied", "points"]), st.booleans())
-def test_the_count_does_not_depend_on_the_weighting_and_n_is_largest_with_ones(seed, multiplicity, is_signed):
-    space = SearchSpace(0.6, 0.06, 0.5, 0.5)
-    scan, *there = random_scene(seed, 40, 80, 0.06, space, is_signed=is_signed, spread=8)
-
-    def moments_of(scan):
-        for weighting in ("published", "cosine", "one"):
-            yield exhaustive(scan, *there, space, multiplicity=multiplicity, weighting=weighting).moments
-
-    published, cosine, one = moments_of(scan)
-    assert (published[..., 0] == cosine[..., 0]).all()
-    assert (cosine[..., 0] == one[..., 0]).all()
-    assert (published[..., [1, 3]] <= cosine[..., [1, 3]]).all()
-    assert (cosine[..., [1, 3]] <= one[..., [1, 3]]).all()
-    assert (one[..., 1] + one[..., 3]).max() > 1.2 * (cosine[..., 1] + cosine[..., 3]).max()
-    published, cosine, one = moments_of(Scan(scan.points, np.zeros_like(scan.points)))  # no scan normal: a half, 0, 1
-    assert one[..., 1:].any() and not published[..., 1:].any()
-    np.testing.assert_allclose(cosine[..., 1:], 0.5 * one[..., 1:], rtol=0.0, atol=len(scan) * 2.0**-24 * 1e3)
-
-
 @given(SEEDS, st.sampled_from(["occupied", "points"]))
 @settings(max_examples=15)
 def test_the_order_of_scan_and_map_points_and_the_threads_do_not_matter(seed, multiplicity):

@@ -57,25 +57,6 @@ def test_two_walls_at_right_angles_have_one_best_cell(scene, model, multiplicity
     assert_only_best(accumulator, objective, (0, 5 - 3, 5 + 2))
 
 
-def test_two_walls_score_what_the_paper_says(scene):
-    scene.wall((-3, 5), (3, 5)).wall((4, -3), (4, 3), heights=(1.02,))
-    n_y, n_x = 24, 12  # scan points on the wall along x, two rows, and on the one along y
-    accumulator = by_voxels(scene, scene.prior(0, 0), SMALL, "occupied")
-    np.testing.assert_array_equal(accumulator.moments[0, 5, 5], [n_x + n_y, n_x, 0.0, n_y])
-    assert accumulator.score(Helmert())[0, 5, 5] == pytest.approx(n_x * n_y / (n_x + n_y), rel=1e-12)
-
-
-@both_models
-@both_multiplicities
-@pytest.mark.parametrize("turn_deg", [0.0, 31.0, 90.0, 137.0])
-def test_one_wall_determines_nothing(scene, model, multiplicity, turn_deg):
-    scene.wall((-3, 5), (3, 5), turn=math.radians(turn_deg))
-    accumulator = model(scene, scene.prior(1, 2), SMALL, multiplicity)
-    assert accumulator.moments[..., 0].max() >= 24
-    assert not accumulator.score(Helmert()).any()
-    assert not accumulator.score(MaxEigenvalue()).any()
-
-
 @pytest.mark.parametrize("turn_deg", [0.0, 31.0])
 @pytest.mark.parametrize("objective", [Helmert(), Count()])
 @pytest.mark.parametrize("draw", ["wall", "street"])

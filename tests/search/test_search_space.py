@@ -102,13 +102,6 @@ def test_what_is_refused(arguments, words):
     assert isinstance(caught.value, MaxconError) and isinstance(caught.value, ValueError)
 
 
-@pytest.mark.parametrize(
-    ("half_width", "cell"), [(3.0, 0.06), (0.3, 0.1), (2.1, 0.7), (4.2, 0.06), (100.0, 0.05), (3.01, 0.07)]
-)
-def test_rounding_refuses_no_multiple(half_width, cell):
-    assert SearchSpace(half_width, cell).shape[1] == 2 * round(half_width / cell)
-
-
 VARIANCES = st.one_of(st.just(0.0), st.floats(1e-6, 400.0))
 ANGLE_VARIANCES = st.one_of(st.just(0.0), st.floats(1e-8, 0.5))
 FACTORS = st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9)
