@@ -36,7 +36,7 @@ SAME_POSE, SAME_POSE_DEG = 1.0, 4.0
 """Cells this near to each other, m and degrees, are one candidate."""
 AT_ONCE, MOST_CERTAIN = 64, 0.9
 """So many cells are scored at once; at first some whose bound reaches this ratio to the highest one."""
-IMAGE_RATIO, IMAGE_WITHIN, IMAGE_WITHIN_DEG = 0.75, 8.0, 4.0
+IMAGE_RATIO, IMAGE_WITHIN, IMAGE_WITHIN_DEG = 0.75, 6.0, 4.0
 """A mirror image that scores so much of the scan itself, so near to its best cell, m and degrees, is told of."""
 MOST_SCORED = 4096
 """Where so many cells are worth nothing, as along a single wall, no more are scored."""
