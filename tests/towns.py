@@ -10,18 +10,19 @@ CELL = 0.12
 HEIGHT = 1.8
 
 
-def walls(seed, n_walls=40, reach=35.0, middle=(0.0, 0.0)):
-    """Points and normals of walls along and across, facing the middle, 3 to 9 m high, on level ground at 0."""
+def walls(seed, n_walls=40, reach=35.0, middle=(0.0, 0.0), *, lengths=(3.0, 12.0), height=None, step=0.1, noise=0.0):
+    """Points and normals of walls along and across, facing the middle, on level ground at 0; else 3 to 9 m high."""
     rng = np.random.default_rng(seed)
     points, normals = [], []
     for number in range(n_walls):
-        start, length, top = rng.uniform(-reach, reach, 2), rng.uniform(3.0, 12.0), rng.uniform(3.0, 9.0)
+        start, length = rng.uniform(-reach, reach, 2), rng.uniform(*lengths)
+        top = rng.uniform(3.0, 9.0) if height is None else height
         run = np.array([1.0, 0.0]) if number % 2 else np.array([0.0, 1.0])
-        along, up = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.1), np.arange(0.1, top, 0.1)))
+        along, up = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, step), np.arange(0.1, top, 0.1)))
         on_wall = np.column_stack([start + along[:, None] * run, up])
         normal = np.array([run[1], run[0], 0.0])
         normal *= -np.sign(normal[:2] @ (start + 0.5 * length * run)) or 1.0
-        points.append(on_wall)
+        points.append(on_wall + rng.normal(0.0, noise, on_wall.shape) if noise else on_wall)
         normals.append(np.tile(normal, (len(on_wall), 1)))
     return np.concatenate(points) + [*middle, 0.0], np.concatenate(normals)
 

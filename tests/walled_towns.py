@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+import towns
 from maxcon import PointMap, Pose, Scan
 
 CELL = 0.06
@@ -15,18 +16,7 @@ TRUTH = Pose(1.23, -0.87, 1.6, 0.0, 0.0, 0.4)
 
 def walls(seed, n_walls=26, reach=22.0):
     """Points and normals of short walls along and across, facing the origin, up to 4 m high."""
-    rng = np.random.default_rng(seed)
-    points, normals = [], []
-    for number in range(n_walls):
-        start, length = rng.uniform(-reach, reach, 2), rng.uniform(2.0, 7.0)
-        run = np.array([1.0, 0.0]) if number % 2 else np.array([0.0, 1.0])
-        along, up = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.04), np.arange(0.1, 4.0, 0.1)))
-        on_wall = np.column_stack([start + along[:, None] * run, up])
-        normal = np.array([run[1], run[0], 0.0])
-        normal *= -np.sign(normal[:2] @ (start + 0.5 * length * run)) or 1.0
-        points.append(on_wall + rng.normal(0.0, 0.005, on_wall.shape))
-        normals.append(np.tile(normal, (len(on_wall), 1)))
-    return np.concatenate(points), np.concatenate(normals)
+    return towns.walls(seed, n_walls, reach, lengths=(2.0, 7.0), height=4.0, step=0.04, noise=0.005)
 
 
 def seen(points, normals, truth, seed, n_points=4000):

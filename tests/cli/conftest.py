@@ -202,3 +202,16 @@ def write_las(tmp_path, street):
         return tmp_path / name
 
     return write
+
+
+@pytest.fixture
+def without(monkeypatch):
+    """Make packages impossible to import."""
+
+    def hide(*names):
+        for name in names:
+            for loaded in [n for n in sys.modules if n == name or n.startswith(f"{name}.")]:
+                monkeypatch.delitem(sys.modules, loaded)
+            monkeypatch.setitem(sys.modules, name, None)
+
+    return hide

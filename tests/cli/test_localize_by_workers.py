@@ -180,8 +180,6 @@ def test_what_has_no_effect_is_refused(drive, table, maxcon, refused, tmp_path):
     refused(maxcon("localize", "-o", out), "got no MAP")
     refused(maxcon("localize", "--drives", table, "-o", out), "Name it there, or one MAP for all")
     refused(maxcon("localize", drive.city, "--drives", table, "-o", tmp_path), "it holds")
-    table.write_text("name,scans,priors\na,b,c\n")
-    refused(maxcon("localize", drive.city, "--drives", table, "-o", out), table, "priors")
     assert not out.exists()
 
 

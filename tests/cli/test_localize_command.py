@@ -98,20 +98,9 @@ def test_what_is_not_given_is_what_the_method_takes():
 # --- windows from standard deviations --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("given", "same"),
-    [
-        (
-            "--sigma-position 1 --sigma-heading-deg 0.7 --sigmas 2 --heading-step-deg 0.75",
-            "--half-width 2.04 --heading-half-width-deg 1.5 --heading-step-deg 0.75",
-        ),
-        (
-            "--half-width 1.45 --heading-half-width-deg 1.2 --cell 0.06",  # rounded up to whole cells
-            "--half-width 1.5 --heading-half-width-deg 1.5 --cell 0.06",
-        ),
-    ],
-)
-def test_half_widths_by_other_options(localize, tmp_path, given, same):
+def test_half_widths_by_standard_deviations(localize, tmp_path):
+    given = "--sigma-position 1 --sigma-heading-deg 0.7 --sigmas 2 --heading-step-deg 0.75"
+    same = "--half-width 2.04 --heading-half-width-deg 1.5 --heading-step-deg 0.75"
     for options, name in ((given, "given.csv"), (same, "same.csv")):
         ended = localize(*options.split(), "--wider", "0", out=name)
         assert ended.code in (0, 1) and ended.err == ""

@@ -2,22 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Without the optional packages: one line that says what to install, before any work is done."""
 
-import sys
-
 import pytest
-
-
-@pytest.fixture
-def without(monkeypatch):
-    """Make packages impossible to import."""
-
-    def hide(*names):
-        for name in names:
-            for loaded in [n for n in sys.modules if n == name or n.startswith(f"{name}.")]:
-                monkeypatch.delitem(sys.modules, loaded)
-            monkeypatch.setitem(sys.modules, name, None)
-
-    return hide
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Recordings on the command line: localized as the files are, described, and refused in a line."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -74,11 +73,8 @@ def test_what_is_asked_of_a_recording_and_is_not_there(localize, refused, record
     assert not (tmp_path / "poses.csv").exists()
 
 
-def test_a_recording_needs_the_extra_recordings(localize, refused, recordings, monkeypatch):
-    for name in ("rosbags", "mcap"):
-        for loaded in [n for n in sys.modules if n == name or n.startswith(f"{name}.")]:
-            monkeypatch.delitem(sys.modules, loaded)
-        monkeypatch.setitem(sys.modules, name, None)
+def test_a_recording_needs_the_extra_recordings(localize, refused, recordings, without):
+    without("rosbags", "mcap")
     for path in recordings.values():
         refused(localize(scans=path, prior=None), path, "pip install 'maxcon[recordings]'")
 

@@ -136,11 +136,6 @@ def test_poses_in_the_coordinates_of_a_map(tmp_path):
     )
     assert abs(prior.trajectory.angles[10, 2]) < math.radians(2.0)  # grid north is 1.6 degrees off
     assert prior.heights is Heights.ELLIPSOIDAL and not prior.has_orientations
-    lowered = read_geographic_prior(path, UTM, 39.0)
-    np.testing.assert_allclose(lowered.trajectory.positions[:, 2], 61.0)
-    assert "less 39 m" in lowered.words and lowered.heights is None
-    with pytest.raises(CrsError, match="a map with a CRS"):
-        read_geographic_prior(path, None)
 
 
 def test_heights_above_the_geoid_are_not_mixed_with_ellipsoidal_ones(tmp_path):

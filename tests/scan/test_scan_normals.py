@@ -193,21 +193,7 @@ def test_real_scans_have_horizontal_normals(real_data, drive):
         assert normals.any(axis=1).mean() < 0.8  # bushes have none
 
 
-@pytest.fixture
-def allocation_stats():
-    """Counts of what compiled loops took and gave back."""
-    from numba.core.registry import cpu_target
-    from numba.core.runtime import _nrt_python, rtsys
-
-    rtsys.initialize(cpu_target.target_context)
-    were_on = _nrt_python.memsys_stats_enabled()
-    _nrt_python.memsys_enable_stats()
-    yield rtsys.get_allocation_stats
-    if not were_on:
-        _nrt_python.memsys_disable_stats()
-
-
-def test_memory_does_not_grow_with_the_epochs(allocation_stats):
+def test_memory_does_not_grow_with_the_epochs():
     beams = directions(step_deg=0.8)
     scans = [cast(beams, [wall(5.0 + 0.1 * i, STREET), GROUND], seed=i)[0] for i in range(5)]
 
@@ -216,12 +202,6 @@ def test_memory_does_not_grow_with_the_epochs(allocation_stats):
             assert Scan(scans[i % len(scans)]).normals.any()
 
     prepare(5)
-    before = allocation_stats()
-    prepare(20)
-    after = allocation_stats()
-    assert after.alloc - before.alloc == after.free - before.free >= 20
-    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free >= 20
-
     tracemalloc.start()
     try:
         prepare(5)

@@ -183,18 +183,6 @@ def test_successive_epochs_and_the_odometry_of_the_whole_round(campaign_dataset,
 
 
 @pytest.mark.usefixtures("built")
-@pytest.mark.parametrize("stop_at", [1, 10_000])
-def test_a_failure_leaves_nothing(tmp_path, stop_at):
-    def fail(done, total):
-        if done >= min(stop_at, total):
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        simulate_campaign(tmp_path / "out", n_epochs=1, **THINNEST, progress=fail)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.usefixtures("built")
 def test_a_hard_campaign_says_so_and_is_overwritten_if_asked(tmp_path):
     options = {**THINNEST, "n_epochs": 1, "is_hard": True, "n_rounds": 2}
     simulate_campaign(tmp_path / "out", **options)
