@@ -6,8 +6,6 @@ import csv
 
 import numpy as np
 
-__all__ = ["localized_poses", "rows_of"]
-
 
 def rows_of(path):
     """Rows by the names of the columns, without the milliseconds."""

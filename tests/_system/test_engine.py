@@ -7,10 +7,8 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,12 +74,6 @@ def squares(where, job, n_kills=0):
     return found
 
 
-def assert_only_seven_is_lost(where, folder):
-    found = squares(where, Squares(folder, deadly=(7,)))
-    assert "each worker that was given it ended" in found.pop(7)
-    assert found == {number: square for number, square in RIGHT.items() if number != 7}
-
-
 def test_one_worker_is_this_process(tmp_path):
     job = Squares(tmp_path)
     assert squares(Engine(1), job) == RIGHT
@@ -119,7 +111,9 @@ def test_a_worker_that_is_killed_loses_nothing(tmp_path):
 
 @pytest.mark.kills
 def test_what_ends_every_worker_is_told_from_its_neighbours(tmp_path):
-    assert_only_seven_is_lost(Engine(2), tmp_path)
+    found = squares(Engine(2), Squares(tmp_path, deadly=(7,)))
+    assert "each worker that was given it ended" in found.pop(7)
+    assert found == {number: square for number, square in RIGHT.items() if number != 7}
 
 
 ENDED_WITH_PARENT = """
@@ -244,38 +238,6 @@ def test_workers_of_a_cluster_do_the_same_and_are_left_as_they_were(tmp_path, da
     assert squares(where, Squares(tmp_path), n_kills=1) == RIGHT  # the second might begin just now
     with pytest.raises(ArrayError, match="Expected another number, got 10"):
         squares(where, Squares(tmp_path, wrong=(10,)))
-
-
-@contextmanager
-def workers_begun_anew(address, n_workers):
-    """Workers that begin anew whenever they end, as under a service manager; dask's own nanny sometimes forgets one."""
-    command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-nanny", "--no-dashboard"]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    quiet, is_over, running = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}, threading.Event(), {}
-
-    def keep(number):
-        while not is_over.is_set():
-            running[number] = subprocess.Popen([*command, "--nthreads", "1"], env=environment, **quiet)
-            running[number].wait()
-
-    threads = [threading.Thread(target=keep, args=(number,)) for number in range(n_workers)]
-    for thread in threads:
-        thread.start()
-    try:
-        yield
-    finally:
-        is_over.set()
-        while any(thread.is_alive() for thread in threads):
-            for process in list(running.values()):
-                process.kill()
-            time.sleep(0.1)
-
-
-@pytest.mark.clusters
-def test_what_ends_every_worker_of_a_cluster_is_told_from_its_neighbours(tmp_path, dask):
-    address = dask(0).scheduler_address
-    with workers_begun_anew(address, 2):
-        assert_only_seven_is_lost(Engine(scheduler=address), tmp_path)
 
 
 @pytest.mark.clusters

@@ -103,17 +103,6 @@ def test_only_localized_epochs_have_a_pose(path):
         assert (row["score"] != "") == (status not in (Status.NO_PRIOR, Status.NO_POINTS, Status.OUTSIDE_MAP))
 
 
-def test_the_table_is_written_whole_or_not_at_all(path):
-    write_poses(path, [made_epoch(0)])
-    before = path.read_bytes()
-    with pytest.raises(AttributeError):
-        write_poses(path, [made_epoch(0), None])
-    assert path.read_bytes() == before
-    with pytest.raises(FileError, match=r"poses\.csv, got: No such file or directory.*nothing was written"):
-        write_poses(path.parent / "missing" / "poses.csv", [made_epoch(0)])
-    assert [name.name for name in path.parent.iterdir()] == ["poses.csv"]
-
-
 def test_a_reason_in_any_letters_and_lines_is_written_the_same_under_any_locale(path):
     script = (
         "from test_poses_table import made_epoch, replace, write_poses; import sys;"

@@ -57,17 +57,6 @@ def test_packets_of_a_velodyne_become_the_cloud_that_another_driver_made(recorde
     assert min(medians) < 0.01 and max(shares) > 0.9
 
 
-def test_a_capture_of_packets(recorders):
-    scans = open_scans(recorders / "pcap" / "mrpt" / "sample_velodyne_vlp16_gps.pcap")
-    raws = list(scans.scans(0.0, 200.0))
-    np.testing.assert_allclose(np.diff(scans.times)[:2], 0.1, atol=0.002)
-    for raw in raws:
-        assert 17_000 < len(raw.points) < 19_000
-        assert raw.point_times.min() == pytest.approx(-raw.point_times.max())
-        assert 0.08 < np.ptp(raw.point_times) < 0.105
-    np.testing.assert_array_equal(scans.read(1, 0.0, 200.0).points, raws[1].points)
-
-
 def test_one_of_several_topics_and_scans_of_three_floats_that_others_wrote(recorders):
     several = recorders / "ros1bag" / "rms_1xxx_lms_1xx_movement_off.bag"
     assert len(open_scans(several, topic="/cloud")) == 89
