@@ -136,6 +136,8 @@ def test_poses_in_the_coordinates_of_a_map(tmp_path):
     )
     assert abs(prior.trajectory.angles[10, 2]) < math.radians(2.0)  # grid north is 1.6 degrees off
     assert prior.heights is Heights.ELLIPSOIDAL and not prior.has_orientations
+    with pytest.raises(CrsError, match="a map with a CRS"):
+        read_geographic_prior(path, None)
 
 
 def test_heights_above_the_geoid_are_not_mixed_with_ellipsoidal_ones(tmp_path):
