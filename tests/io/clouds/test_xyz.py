@@ -68,6 +68,14 @@ def test_what_is_no_cloud_is_refused(tmp_path, lines, words):
     assert "\n" not in str(error.value)
 
 
+def test_a_trajectory_is_no_cloud(tmp_path):
+    poses = ["# timestamp x y z qx qy qz qw", *(f"{time} 550000 5802000 62 0 0 0.6 0.8" for time in range(3))]
+    with pytest.raises(FileError, match=r"a\.xyz, got a trajectory: .* as --trajectory"):
+        open_cloud(_write(tmp_path, poses))
+    for others in (poses[:2], [*poses, poses[1]], [*poses, "9 8 7 6 0 0 0 2"]):
+        assert len(read_cloud(_write(tmp_path, others)).points) == len(others) - 1
+
+
 def test_other_suffixes_and_empty_files(tmp_path):
     (tmp_path / "a.dxf").write_text("0 0 0")
     suffixes = r"\.las, \.laz, \.ply, \.pcd, \.npz, \.e57, \.xyz, \.csv, \.txt"

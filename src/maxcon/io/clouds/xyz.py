@@ -9,7 +9,11 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from maxcon._system.regular_file import open_regular
+from maxcon.errors import FileError
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_file_error, cloud_chunk
 from maxcon.io.text import MAX_LINES, parse_float, table_of, text_lines
 
@@ -23,6 +27,7 @@ NAMES = {
 }
 SEPARATORS = (",", ";", "\t")
 COMMENTS = ("#", "//")
+N_POSES = 100  # so many rows tell a trajectory from points
 
 
 class _Layout(NamedTuple):
@@ -48,6 +53,8 @@ class XyzReader(CloudReader):
         with _opened(file) as lines:
             self._layout = _read_layout(lines)
         with _opened(file) as lines:
+            _refuse_poses(file, table_of([*islice(_rows(lines, self._layout), N_POSES)], *self._layout[2:0:-1]))
+        with _opened(file) as lines:
             n_points = sum(1 for _ in _rows(lines, self._layout))
         columns = self._layout.columns
         self.header = CloudHeader(file, n_points, has_classes="class" in columns, has_times="time" in columns)
@@ -70,6 +77,16 @@ def _opened(file: Path) -> Iterator[Iterator[tuple[int, str]]]:
         io.TextIOWrapper(open_regular(file), encoding="utf-8-sig", errors="replace", newline="\n") as stream,
     ):
         yield enumerate(map(str.strip, text_lines(stream)))
+
+
+def _refuse_poses(file: Path, rows: NDArray[np.float64]) -> None:
+    """Refuse a TUM trajectory, FileError: ascending times, positions and unit quaternions."""
+    is_turned = rows.shape[1] == 8 and np.allclose(np.linalg.norm(rows[:, 4:], axis=1), 1.0, atol=1e-3)
+    if is_turned and len(rows) > 1 and (np.diff(rows[:, 0]) > 0.0).all():
+        raise FileError(
+            f"Expected points in {file}, got a trajectory: ascending times and unit quaternions in 8 columns. Give it"
+            " as --trajectory, beside the clouds."
+        )
 
 
 def _rows(lines: Iterator[tuple[int, str]], layout: _Layout) -> Iterator[str]:
