@@ -3,8 +3,6 @@
 """What `maxcon map build`, `info` and `copy` say of a map, in a folder and on an S3 server."""
 
 import json
-import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,7 +30,7 @@ def test_what_is_taken_of_a_cloud_and_what_not(build, write_las, street, tmp_pat
     street[:7, 0], street[7:10, 2] = np.nan, np.inf
     np.savez(tmp_path / "more.npz", points=street)
     said = build(cloud, tmp_path / "more.npz", "--crs", "EPSG:25832")
-    assert "from 5,990 points" in said["voxels"]
+    assert "from 5,990 points" in said["voxels"] and "warning" not in said["CRS"]
     dropped = "3,000 points, 2,990 kept; dropped 10 without finite coordinates"
     assert said["source"].endswith(
         f"more.npz: {dropped}; no ASPRS classes: ground, vegetation and vehicles were not dropped"
@@ -54,7 +52,8 @@ def test_what_is_found_of_clouds_without_classes_is_told_in_ratios(build, tmp_pa
     assert "ground 5" in said["found"] and "vegetation 0 %, temporary 0 %, kept 4" in said["found"]
     assert "temporary objects cannot be found: the clouds have no times to tell passes apart by" in said["found"]
     assert "no ASPRS classes" not in said["source"]
-    said = build(tmp_path / "a.npz", "--classify", "off")
+    said = build(tmp_path / "a.npz", "--classify", "off", "--crs", "EPSG:25832")
+    assert "warning: x 15, y 15 is outside of its area of use. Are coordinates local" in said["CRS"]
     assert "found" not in said and "no ASPRS classes" in said["source"]
 
 
@@ -83,8 +82,7 @@ def test_how_well_a_map_is_known_and_from_what(build, maxcon, refused, street_np
 
 def test_a_map_is_exported_once(maxcon, refused, drive, tmp_path):
     ended = maxcon("map", "export", drive.city, "-o", tmp_path / "city.laz", "-q")
-    assert (ended.code, ended.err) == (0, "") and ended.out.endswith(f"written to {tmp_path / 'city.laz'}\n")
-    assert "voxels and" in ended.out
+    assert (ended.code, ended.err) == (0, "") and "voxels and" in ended.out
     refused(maxcon("map", "export", drive.city, "-o", tmp_path / "city.laz"), "city.laz", "--overwrite")
     assert maxcon("map", "export", drive.city, "-o", tmp_path / "city.laz", "--overwrite").code == 0
     refused(maxcon("map", "export", drive.city, "-o", tmp_path / "city.xyz"), ".laz, .las, .ply")
@@ -133,14 +131,3 @@ def test_how_far_apart_the_points_of_a_map_lie(build, tmp_path, spacing, options
     np.savez(tmp_path / "a.npz", points=points)
     said = build(tmp_path / "a.npz", "--classify", "off", *options)
     assert f" of {cell:g} m" in said["voxels"] and said["spacing"].endswith(words)
-
-
-def test_of_many_sources_the_first_are_shown(maxcon, drive, tmp_path):
-    city = tmp_path / "many.map"
-    shutil.copytree(drive.city, city)
-    made = read_manifest(city)
-    first = made.build["sources"][0]
-    write_manifest(city, replace(made, build={**made.build, "sources": [first] * 23}))
-    said = maxcon("map", "info", city).out.splitlines()
-    assert sum(line.startswith("source ") for line in said) == 20
-    assert said[-1].strip() == "3 more sources in manifest.json"

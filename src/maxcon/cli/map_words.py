@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from maxcon.cli.terminal import print_rows
-from maxcon.io.crs import LARGEST_INEXACTNESS, crs_name
+from maxcon.io.crs import LARGEST_INEXACTNESS, beyond_area_of_use, crs_name
 from maxcon.map import TILE_VOXELS
 from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import FORMAT_VERSION, Manifest
@@ -32,12 +32,13 @@ def print_manifest(manifest: Manifest) -> None:
     signed = "turned to the sensor's side" if manifest.is_signed else "unsigned (no sensor side: w = |cos|)"
     n_files = sum(len(section.files) for section in manifest.sections.values())
     files = f"{n_files:,} file{'s' if n_files > 1 else ''} of format version {FORMAT_VERSION}"
+    beyond = beyond_area_of_use(manifest.crs, 0.5 * (x_low + x_high), 0.5 * (y_low + y_high))
     rows = [
         ("voxels", f"{manifest.n_voxels:,} of {manifest.cell:g} m, from {manifest.n_points:,} points"),
         ("tiles", f"{len(keys):,} of {edge:g} m, in {files}"),
         ("extent", f"x {x_low:.1f} to {x_high:.1f}, y {y_low:.1f} to {y_high:.1f} m"),
         ("origin", ", ".join(f"{value:.12g}" for value in manifest.origin) + " m"),
-        ("CRS", "; ".join(filter(None, [crs_name(manifest.crs), inexact_words(manifest)]))),
+        ("CRS", "; ".join(filter(None, [crs_name(manifest.crs), inexact_words(manifest), beyond]))),
         ("normals", f"{build.get('normals', 'unknown')}, {signed}"),
         ("ground", _ground(manifest)),
     ]
@@ -169,9 +170,7 @@ def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
 def print_alignment(found: Alignment) -> None:
     """Say how far passes lay apart and lie apart, and what that means for a map."""
     drift = found.adjusted.drift_sigma
-    matches = (
-        f"{len(found.constraints):,} matched pairs of visits, {found.n_contradicted:,} of them contradict the others"
-    )
+    matches = f"{len(found.constraints):,} matched pairs of visits, {found.n_contradicted:,} contradict the others"
     for words, number in sorted(found.refused.items()):
         matches += f"; of {number:,} more {words}"
     print_rows([

@@ -56,10 +56,8 @@ def parse_crs(text: str) -> Any:
     try:
         return pyproj.CRS.from_user_input(text)
     except pyproj.exceptions.CRSError as error:
-        raise CrsError(
-            f"Expected a coordinate reference system such as EPSG:25832, or WKT, got {text[:80]!r}:"
-            f" {_first_line(error)}."
-        ) from None
+        words = f"Expected a coordinate reference system such as EPSG:25832, or WKT, got {text[:80]!r}:"
+        raise CrsError(f"{words} {_first_line(error)}.") from None
 
 
 def metric_crs(text: str) -> str:
@@ -104,6 +102,16 @@ def to_wgs84(crs: str, places: Sequence[tuple[float, float]]) -> list[tuple[floa
     x, y = zip(*places, strict=True) if places else ((), ())
     longitudes, latitudes = transformer.transform(x, y)
     return list(zip(longitudes, latitudes, strict=True))
+
+
+def beyond_area_of_use(crs: str | None, x: float, y: float) -> str:
+    """A warning that a place is not where a projected CRS is meant for; nothing if that is not known."""
+    if crs is None or not parse_crs(crs).is_projected:
+        return ""
+    (place,) = to_wgs84(crs, [(x, y)])
+    if GeographicFrame(crs).contains(np.array([place[::-1]]))[0]:
+        return ""
+    return f"warning: x {x:.0f}, y {y:.0f} is outside of its area of use. Are coordinates local, or of another zone?"
 
 
 class Operation(NamedTuple):
