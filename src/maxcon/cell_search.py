@@ -134,12 +134,9 @@ class CellSearch:
 
         return [
             BestCell.at(
-                each,
-                point_map,
-                ratio_of_other(k),
-                is_at_boundary=is_at_boundary(each.pose, start, space, point_map.cell),
+                one, point_map, ratio_of_other(k), is_at_boundary=is_at_boundary(one.pose, start, space, point_map.cell)
             )
-            for k, each in enumerate(found)
+            for k, one in enumerate(found)
         ]
 
     def accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:

@@ -88,7 +88,6 @@ def test_maps_of_no_use(not_localized, maxcon, refused, drive, tmp_path):
         ("--odometry-topic /a", ("--odometry-topic together with --odometry and a recording",)),
         ("--prior-frames a:b", ("is no recording, or --prior-frames",)),
         ("--objective nowhere_at_all:Name", ("ModuleNotFoundError",)),
-        ("--objective math:pi", ("`score",)),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )

@@ -98,16 +98,23 @@ class Determinant:
 
 class Wrong:
     score = staticmethod(np.asarray)
+
+
+class Edited(Determinant):
+    pass
+
+
+class Last:
+    score = staticmethod(lambda moments: moments[..., 3] if moments.max() < 40 else moments["xx"])
 """
 
 
 def test_an_objective_of_one_s_own_is_compared_with_ours_alike_and_shown_first(
-    described, maxcon, refused, tmp_path, monkeypatch
+    described, maxcon, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own_scores.py").write_text(OWN)
     word, out, page = "own_scores:Determinant", tmp_path / "study", tmp_path / "page.html"
-    refused(maxcon("study", described, "-o", out, "--methods", "own_scores:Other"), "'own_scores:Other'")
     ended = maxcon("study", described, "-o", out, "--methods", word, *SMALL, "--epochs", "2", "--workers", "1")
     assert (ended.code, ended.err) == (0, "")
     names = ["Determinant-occupied", "count-occupied", "helmert-occupied", "max-eigenvalue-occupied"]
@@ -124,7 +131,16 @@ def test_an_objective_of_one_s_own_is_compared_with_ours_alike_and_shown_first(
     text = page.read_text()
     assert "adjusted to the map" not in text and "The paper says" not in text  # for none of its methods was studied
     assert "Left: Root of det N of every position" in text and "edited since" not in text
-    assert maxcon("report", out, "-o", page, "--objective", "own_scores:Wrong").code == 0
+    assert maxcon("report", out, "-o", page, "--objective", "own_scores:Edited").code == 0
     assert "it was not studied, or was edited since" in page.read_text()
-    wrong = maxcon("study", described, "-o", tmp_path / "bad", "--methods", "own_scores:Wrong", *SMALL, "--epochs", "1")
-    assert "the first that failed: Expected an objective to return scores of shape" in wrong.out
+
+
+def test_an_objective_that_fails_is_named_with_the_line(described, localize, maxcon, refused, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "failing.py").write_text(OWN)
+    bad = ("study", described, "-o", tmp_path / "bad", *SMALL, "--epochs", "1", "--methods")
+    refused(maxcon(*bad, "failing:Wrong"), "Expected failing.Wrong to return scores of shape (1, 1, 2), got (1, 1, 2,")
+    line = f"{tmp_path / 'failing.py'}, line {len(OWN.splitlines())}."
+    refused(localize("--objective", "failing:Last"), "Expected failing.Last to score moments, got IndexError", line)
+    assert not (tmp_path / "bad").exists() and not (tmp_path / "poses.csv").exists()
+    refused(maxcon(*bad, "failing:Last"), "Expected failing.Last to score moments, got IndexError", line)

@@ -19,11 +19,9 @@ SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.", rich_help_panel="Output")]
 Times = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names.")
+    Path | None, typer.Option(metavar="FILE", help="Times of the scans; default times.txt, or the names.")
 ]
-Risk = Annotated[
-    float, typer.Option(metavar="0..1", help="Errors exceed the protection level with at most this probability.")
-]
+Risk = Annotated[float, typer.Option(metavar="0..1", help="Largest probability of errors above the protection level.")]
 Topic = Annotated[str | None, typer.Option(metavar="NAME", help="Which of several point clouds of a recording.")]
 AtStamp = Annotated[
     bool,
@@ -145,12 +143,10 @@ class MethodOptions(OptionGroup, title="Method"):
 
     objective: str = flag(
         "helmert",
-        "What a cell is worth: helmert, count, max-eigenvalue, or one of your own, package.module:Name.",
+        "What a cell is worth: helmert, count, max-eigenvalue, or your own package.module:Name.",
         metavar="NAME",
     )
-    multiplicity: Literal["occupied", "points"] = flag(
-        "occupied", "A match weighs one, or as many as the voxel's map points."
-    )
+    multiplicity: Literal["occupied", "points"] = flag("occupied", "A match weighs one, or its voxel's map points.")
     weighting: Literal["cosine", "published", "one"] = flag(
         "cosine",
         "Weight of a match: the cosine between the normals, and 1/2 where the scan point has none; as published,"
@@ -158,7 +154,7 @@ class MethodOptions(OptionGroup, title="Method"):
     )
     thinning: float = flag(
         0.25,
-        "With --cell: search with one point of the scan in each cube of this edge, m; 0: all, as published.",
+        "With --cell: search with one point of a scan per cube of this edge, m; 0: all, as published.",
         metavar="M",
     )
     search: Literal["exhaustive", "branch-and-bound"] = flag(
@@ -173,9 +169,7 @@ class SpaceOptions(OptionGroup, title="Search space"):
 
     wider: float = flag(12.0, "Search so far around an answer that is in doubt, m; 0: never.", metavar="M")
     half_width: float | None = flag(
-        None,
-        "Largest offset from the prior in x and y, m. If not given: of the prior's covariances, or 12.",
-        metavar="M",
+        None, "Largest offset from the prior in x and y, m; else of the prior's covariances, or 12.", metavar="M"
     )
     heading_half_width_deg: float | None = flag(
         None, "Largest turn from the prior's heading, degrees; likewise, or 10.", metavar="DEG"
@@ -258,7 +252,9 @@ def parse_objective(word: str) -> "Objective":
 
     Modules are looked for in the working folder, too. OptionError if there is none.
     """
-    from maxcon.search.objectives import as_objective
+    import numpy as np
+
+    from maxcon.search.objectives import as_objective, scores_of
 
     module_name, colon, name = word.partition(":")
     if not colon:
@@ -266,7 +262,7 @@ def parse_objective(word: str) -> "Objective":
     sys.path.insert(0, "")
     try:
         found = getattr(import_module(module_name), name)
-        return as_objective(found() if isinstance(found, type) else found)
+        objective = as_objective(found() if isinstance(found, type) else found)
     except OptionError:
         raise
     except Exception as error:  # the user's own code may fail in any way
@@ -278,3 +274,5 @@ def parse_objective(word: str) -> "Objective":
         sys.path.remove("")
         if "" not in sys.path:
             sys.path.append("")  # where workers look for it, too
+    scores_of(objective, np.array([[[[9.0, 5.0, 1.0, 4.0], [4.0, 3.0, 0.0, 1.0]]]]))  # fails before work begins
+    return objective

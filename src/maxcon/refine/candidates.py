@@ -25,7 +25,7 @@ from maxcon.refine.adjustment import (
 from maxcon.refine.ground import fit_ground_plane
 from maxcon.scan import Scan, one_per_cube
 from maxcon.search import Multiplicity, Weighting, coarse
-from maxcon.search.objectives import Moments, Objective, checked_scores
+from maxcon.search.objectives import Moments, Objective, scores_of
 from maxcon.search.space import SearchSpace
 
 # Without ground in the map nothing holds height and tilt while partners are far away; m and rad.
@@ -146,7 +146,7 @@ def adjusted_candidate(
     moments = matched = moments_at(sample, point_map, table, unknowns, scoring)
     if scoring.multiplicity is Multiplicity.POINTS:
         matched = moments_at(sample, point_map, table, unknowns, replace(scoring, multiplicity=Multiplicity.OCCUPIED))
-    score = float(checked_scores(scoring.objective.score(moments[None]), (1,))[0])
+    score = float(scores_of(scoring.objective, moments[None])[0])
     return Candidate(Pose(*unknowns.tolist()), score, moments, float(matched[0]) / max(1, len(sample)))
 
 

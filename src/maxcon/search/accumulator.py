@@ -20,7 +20,7 @@ from maxcon.geometry import Pose, rotation_matrices
 from maxcon.map import PointMap
 from maxcon.map.layout import LEVEL_FACTORS
 from maxcon.scan import Scan
-from maxcon.search.objectives import Moments, Objective, Scores, checked_scores
+from maxcon.search.objectives import Moments, Objective, Scores, scores_of
 from maxcon.search.space import Cell, SearchSpace
 
 CONTRIBUTION_STEP = 2.0**-24
@@ -122,7 +122,7 @@ class Accumulator:
 
     def score(self, objective: Objective) -> Scores:
         """Scores of all cells, shape (headings, ny, nx); `ArrayError` if they have another shape or are NaN."""
-        return checked_scores(objective.score(self.moments), self.space.shape)
+        return scores_of(objective, self.moments)
 
     def best_cell(self, objective: Objective) -> Cell:
         """Return the cell with the highest score; the first in index order at ties (D8). Errors as of `score`."""

@@ -9,6 +9,7 @@ matches and the normal matrix N = sum of w n n^T over them (equation (4)).
 
 from __future__ import annotations
 
+import traceback
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -61,16 +62,35 @@ Bounded = BoundedByCount | BoundedByAxes
 """An objective that branch and bound can bound."""
 
 
-def checked_scores(scores: Scores, shape: tuple[int, ...]) -> Scores:
-    """Return scores of an objective; `ArrayError` if they have another shape, or one of them is NaN."""
+def scores_of(objective: Objective, moments: Moments) -> Scores:
+    """Scores, shape (...), of moments, shape (..., 4): checked, as a user's own objective may return anything.
+
+    `OptionError`, with the line of the user's file, where it raises; `ArrayError` as of `checked_scores`.
+    """
+    name = f"{type(objective).__module__}.{type(objective).__qualname__}"
+    try:
+        scores = objective.score(moments)
+    except Exception as error:  # the user's own code may fail in any way
+        if name.startswith("maxcon."):
+            raise
+        way = traceback.extract_tb(error.__traceback__)[1:]
+        place = next((f" in {at.filename}, line {at.lineno}" for at in way[::-1] if at.filename == way[0].filename), "")
+        raise OptionError(
+            f"Expected {name} to score moments, got {type(error).__name__}: {error}{place}. Mend it there."
+        ) from error
+    return checked_scores(scores, moments.shape[:-1], name)
+
+
+def checked_scores(scores: Scores, shape: tuple[int, ...], name: str = "an objective") -> Scores:
+    """Return scores of an objective of a name; `ArrayError` if they have another shape, or one is no number."""
     scores = np.asarray(scores)
-    if scores.shape != shape:
+    if scores.shape != shape or scores.dtype.kind not in "biuf":
         raise ArrayError(
-            f"Expected an objective to return scores of shape {shape}, got {scores.shape}."
+            f"Expected {name} to return scores of shape {shape}, got {scores.shape} of {scores.dtype}."
             " Reduce the last axis of the moments only."
         )
     if scores.size and np.isnan(scores.max()):
-        raise ArrayError("Expected scores that are numbers, got NaN. Let the objective return 0 where it has none.")
+        raise ArrayError(f"Expected scores of {name} that are numbers, got NaN. Let it return 0 where it has none.")
     return scores
 
 
@@ -82,7 +102,7 @@ class Checked:
 
     def score(self, moments: Moments) -> Scores:
         """Scores, shape (...), of moments, shape (..., 4); `ArrayError` if they are not as promised."""
-        scores = checked_scores(self.objective.score(moments), moments.shape[:-1])
+        scores = scores_of(self.objective, moments)
         if scores.min(initial=0) < 0:
             raise ArrayError(
                 f"Expected scores of 0 or more where ratios to the best one are looked for, got {scores.min():g}. Let"

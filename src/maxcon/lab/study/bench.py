@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.drive.localize import DriveOptions, Method, check_inside, pose_or_none, scan_of, status_without_search
-from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryError
+from maxcon.errors import FileError, MaxconError, MissingExtraError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import Trust, along_and_across
@@ -117,7 +117,7 @@ class Bench:
             return {"status": (status or Status.NO_PRIOR).value}
         try:
             return _answer_columns(_answer(method, point_map, start, shared), reference, point_map)
-        except MissingExtraError:
+        except (MissingExtraError, OptionError):
             raise  # true of every epoch
         except MaxconError as error:
             return {"status": Status.FAILED.value, "reason": str(error)}

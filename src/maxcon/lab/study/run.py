@@ -111,8 +111,7 @@ class Configuration:
         ):
             if mine != theirs:
                 raise OptionError(
-                    f"Expected to go on with the study {what} {mine}, got {theirs}."
-                    " Name another folder for a new study."
+                    f"Expected to go on with the study {what} {mine}, got {theirs}. Name another folder for a new one."
                 )
         parts = self.parts if with_rows else {MAP_AND_SCANS: self.parts.get(MAP_AND_SCANS, "")}
         check_parts(parts, other.parts)
@@ -124,13 +123,8 @@ class Configuration:
                     " own method another name."
                 )
         kept = {name: method for name, method in self.methods.items() if name in with_rows}
-        return replace(
-            self,
-            dataset=other.dataset,
-            parts=parts | other.parts,
-            methods=kept | other.methods,
-            maps=self.maps | other.maps,
-        )
+        parts, maps = parts | other.parts, self.maps | other.maps
+        return replace(self, dataset=other.dataset, parts=parts, methods=kept | other.methods, maps=maps)
 
 
 def dataset_parts(dataset: Dataset) -> dict[str, str]:
