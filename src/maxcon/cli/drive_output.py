@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 import typer
@@ -31,6 +32,7 @@ from maxcon.export import read_rows
 from maxcon.export.scene import CellScores
 from maxcon.io.crs import crs_name
 from maxcon.io.trajectories import read_trajectory, write_tum
+from maxcon.lab.evaluation import PROMISED, SUCCESS_WORDS
 from maxcon.lab.report import check_jinja2
 from maxcon.lab.report.drive_page import ReportedDrive, write_drive_page
 from maxcon.localizer import MaximumConsensus
@@ -282,9 +284,9 @@ def _range(values: list[float], unit: str) -> str:
 
 
 def report_drive(
-    page: Path, out: Path, drive: OpenedDrive, reference: Trajectory | None, assumed: dict[str, str]
+    page: Path | None, out: Path, drive: OpenedDrive, reference: Trajectory | None, assumed: dict[str, str]
 ) -> None:
-    """Write the page of a drive, of all rows of its table."""
+    """Say how far all rows of its table are from a reference, and write the page of a drive, where there is one."""
     prior, entry = drive.prior.trajectory, drive.entry
     facts = {
         "Map": f"{entry.map}, voxels of {drive.point_map.cell:g} m; CRS: {crs_name(drive.point_map.frame.crs)}",
@@ -293,13 +295,26 @@ def report_drive(
         **assumed,
     }  # fmt: skip
     reported = ReportedDrive(read_rows(out), drive.point_map, drive.scans, drive.opener.drive, prior, reference)
-    write_drive_page(page, reported, f"{entry.scans.name} in {Path(entry.map).name}", facts)
-    far = [error.distance for error in reported.errors if error is not None]
-    if far:
-        typer.echo(
-            f"from the reference: median {median(far):.3f} m, worst {max(far):.3f} m in x and y, {len(far)} scans"
-        )
-    typer.echo(f"a page of it: {page}")
+    if reference is not None:
+        _print_accuracy(reported.accuracy())
+    if page is not None:
+        write_drive_page(page, reported, f"{entry.scans.name} in {Path(entry.map).name}", facts)
+        typer.echo(f"a page of it: {page}")
+
+
+def _print_accuracy(found: dict[str, Any]) -> None:
+    if not found["n"]:
+        typer.echo("from the reference: no localized scan has a pose there; are its times those of the scans?")
+        return
+    typer.echo(
+        f"from the reference: {found['n']} localized scans, {found['n_wrong']} farther than {SUCCESS_WORDS}; protection"
+        f" level exceeded in {found['n_beyond']} of {found['n_levels']}"
+    )
+    for row in found["rows"]:
+        of, unit = row["of"], "degrees" if row["unit"] == "°" else row["unit"]
+        shares, promised = (" ".join(f"{100.0 * one:.0f}" for one in each) for each in (row["within"], PROMISED))
+        within = f"; within 1, 2, 3 sigma {shares} % (promised {promised})" if shares else ""
+        typer.echo(f"  {row['name']:<8} median {of.median:.3f}, 95 % {of.p95:.3f}, worst {of.worst:.3f} {unit}{within}")
 
 
 def print_alternative(drive: OpenedDrive, epochs: list[EpochEstimate]) -> None:
@@ -331,10 +346,8 @@ def localize_many(
     entries = read_drives(drives, map_folder)
     with step_bars(quiet) as report:
         done = localize_drives(entries, ManyDrivesJob(opener), out, engine, report)
-    before = f", {done.n_epochs - done.n_new} of them were there" if done.n_epochs > done.n_new else ""
-    typer.echo(
-        f"{done.n_localized:,} of {done.n_epochs:,} epochs of {done.n_drives:,} drives localized{before}; in {out}"
-    )
+    old = f", {done.n_epochs - done.n_new} of them were there" if done.n_epochs > done.n_new else ""
+    typer.echo(f"{done.n_localized:,} of {done.n_epochs:,} epochs of {done.n_drives:,} drives localized{old}; in {out}")
     if done.refused:
         name, reason = next(iter(done.refused.items()))
         raise MaxconError(

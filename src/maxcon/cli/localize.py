@@ -77,12 +77,11 @@ class PictureOptions(OptionGroup, title="Output"):
         None, "Write a page of the drive: map, statuses, protection levels, worst epochs.", metavar="PAGE.html"
     )
     reference: Path | None = flag(
-        None, "With --report: poses held for true; the page says how far answers are from them.", metavar="TUM|CSV"
+        None, "Poses held for true: summary and --report say how far answers are from them.", metavar="TUM|CSV"
     )
 
     def __post_init__(self) -> None:
         check_needs({"--plot-epochs": self.plot_epochs}, {"--plot DIR": self.plot})
-        check_needs({"--reference": self.reference}, {"--report PAGE.html": self.report})
 
 
 class EpochWorkers(WorkerOptions, title="How it is done"):
@@ -126,8 +125,8 @@ def localize(
     if files.drives is not None:
         of_one = {
             "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": time.times,
-            "--tum": table.tum, "--plot": pictures.plot, "--report": pictures.report,
-            "--view or --save": view.is_wanted, "--resume": table.resume, "--overwrite": table.overwrite,
+            "--tum": table.tum, "--plot": pictures.plot, "--report": pictures.report, "--resume": table.resume,
+            "--reference": pictures.reference, "--view or --save": view.is_wanted, "--overwrite": table.overwrite,
         }  # fmt: skip
         check_exclusive({"--drives, where a table names files and a call goes on,": True}, of_one)
         drive_output.localize_many(files.drives, files.map_folder, files.out, opener, engine, quiet)
@@ -161,7 +160,7 @@ def localize(
     if not there.n_localized:
         drive_output.print_alternative(drive, localized.epochs)
     localized.write_tum()
-    if pictures.report is not None:
+    if pictures.report is not None or reference is not None:
         reach = f"{drive.method.space.half_width:g} m and {drive.method.space.heading_half_width_deg:g} degrees around"
         if motion.track:
             reach = f"tracked, within {reach} the prior"

@@ -44,11 +44,8 @@ def pose_error(pose: Pose, reference: Pose) -> PoseError:
     """Return the error of `pose`; both in the same frame."""
     dx, dy = pose.x - reference.x, pose.y - reference.y
     cosine, sine = math.cos(reference.heading), math.sin(reference.heading)
-    return PoseError(
-        along=dx * cosine + dy * sine,
-        across=dy * cosine - dx * sine,
-        heading=wrap_angle(pose.heading - reference.heading),
-    )
+    along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
+    return PoseError(along, across, heading=wrap_angle(pose.heading - reference.heading))
 
 
 @dataclass(frozen=True, slots=True)

@@ -102,16 +102,44 @@ class ReportedDrive:
         pairs = [(self.answer(epoch), self.local(self.reference, epoch)) for epoch in range(len(self.rows))]
         return [None if ours is None or true is None else pose_error(ours, true) for ours, true in pairs]
 
+    @cached_property
+    def is_wrong(self) -> NDArray[np.bool_]:
+        """Which answers are not within the limits of success of the reference, shape (n,)."""
+        return np.array([error is not None and not error.is_success for error in self.errors])
+
+    @cached_property
+    def levels(self) -> NDArray[np.float64]:
+        """Protection levels along and across, m, shape (n, 2)."""
+        return np.column_stack([self.numbers(name) for name in PROTECTION_LEVELS])
+
+    def accuracy(self) -> dict[str, Any]:
+        """Errors along, across, of the heading, and in x and y together, and how many the sigmas hold."""
+        sigmas, levels = self.sigmas(), self.levels
+        along, across, heading = _signed(self.errors)
+        turned, sigma_deg = np.degrees(heading), np.degrees(sigmas[:, 2])
+        kinds = {"along": (along, sigmas[:, 0]), "across": (across, sigmas[:, 1]), "heading": (turned, sigma_deg)}
+        rows = [
+            {"name": name, "unit": "°" if name == "heading" else "m", "of": Quantiles.of(values[np.isfinite(values)]),
+             "within": Coverage.of(values, sigma).shares}
+            for name, (values, sigma) in kinds.items()
+        ]  # fmt: skip
+        together = np.hypot(along, across)
+        rows.append({"name": "x and y", "unit": "m", "of": Quantiles.of(together[np.isfinite(together)]), "within": ()})
+        has_level = np.isfinite(levels).all(axis=1) & np.isfinite(along)
+        is_beyond = (np.abs(np.column_stack([along, across])) > levels).any(axis=1) & has_level
+        return {
+            "rows": rows, "n": int(np.isfinite(along).sum()), "n_wrong": int(self.is_wrong.sum()),
+            "n_levels": int(has_level.sum()), "n_beyond": int(is_beyond.sum()),
+        }  # fmt: skip
+
 
 def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: str, facts: Mapping[str, str]) -> None:
     """Write the page of a drive as one HTML file.
 
     facts: what was assumed and searched, by name; shown on top. They should say where the map's sigma is from.
     """
-    errors, covariances, sigmas, rows = drive.errors, drive.covariances, drive.sigmas(), drive.rows
-    is_wrong = np.array([error is not None and not error.is_success for error in errors])
+    covariances, is_wrong, levels, rows = drive.covariances, drive.is_wrong, drive.levels, drive.rows
     is_localized = np.array([row.pose is not None for row in rows])
-    levels = np.column_stack([drive.numbers(name) for name in PROTECTION_LEVELS])
     with TemporaryDirectory() as folder:
         drawn = Path(folder)
         page = {
@@ -123,9 +151,9 @@ def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: 
             "statuses": _statuses(rows),
             "left_out": [(n, drive.scans.name(n), rows[n]) for n in np.flatnonzero(~is_localized)[:MOST_LISTED]],
             "n_left_out": int((~is_localized).sum()),
-            "timeline": _timeline(drawn / "timeline.svg", rows, errors, is_wrong, sigmas, levels),
+            "timeline": _timeline(drawn / "timeline.svg", drive),
             "facings": _facings(drive, is_localized),
-            "accuracy": None if drive.reference is None else _accuracy(errors, is_wrong, sigmas, levels),
+            "accuracy": None if drive.reference is None else drive.accuracy(),
             "success": SUCCESS_WORDS,
             "promised": PROMISED,
             "worst": [
@@ -196,31 +224,6 @@ def _facings(drive: ReportedDrive, is_localized: NDArray[np.bool_]) -> list[Faci
     return facings(((drive.scan(epoch), pose) for epoch, pose in poses if pose is not None), drive.point_map)
 
 
-def _accuracy(
-    errors: Sequence[PoseError | None],
-    is_wrong: NDArray[np.bool_],
-    sigmas: NDArray[np.float64],
-    levels: NDArray[np.float64],
-) -> dict[str, Any]:
-    """Errors along, across, of the heading, and in x and y together, and how many the sigmas hold."""
-    along, across, heading = _signed(errors)
-    turned, sigma_deg = np.degrees(heading), np.degrees(sigmas[:, 2])
-    kinds = {"along": (along, sigmas[:, 0]), "across": (across, sigmas[:, 1]), "heading": (turned, sigma_deg)}
-    rows = [
-        {"name": name, "unit": "°" if name == "heading" else "m", "of": Quantiles.of(values[np.isfinite(values)]),
-         "within": Coverage.of(values, sigma).shares}
-        for name, (values, sigma) in kinds.items()
-    ]  # fmt: skip
-    together = np.hypot(along, across)
-    rows.append({"name": "x and y", "unit": "m", "of": Quantiles.of(together[np.isfinite(together)]), "within": ()})
-    has_level = np.isfinite(levels).all(axis=1) & np.isfinite(along)
-    is_beyond = (np.abs(np.column_stack([along, across])) > levels).any(axis=1) & has_level
-    return {
-        "rows": rows, "n": int(np.isfinite(along).sum()), "n_wrong": int(is_wrong.sum()),
-        "n_levels": int(has_level.sum()), "n_beyond": int(is_beyond.sum()),
-    }  # fmt: skip
-
-
 def _signed(errors: Sequence[PoseError | None]) -> NDArray[np.float64]:
     """Errors along, across (m) and of the heading (rad), shape (3, n); NaN where there are none."""
     nothing = (math.nan,) * 3
@@ -262,22 +265,16 @@ def _from_above(path: Path, drive: ReportedDrive, covariances: NDArray[np.float6
     return Picture.of("drive-above", path, factor=factor)
 
 
-def _timeline(
-    path: Path,
-    rows: Sequence[PoseRow],
-    errors: Sequence[PoseError | None],
-    is_wrong: NDArray[np.bool_],
-    sigmas: NDArray[np.float64],
-    levels: NDArray[np.float64],
-) -> Picture:
-    along, across, heading = _signed(errors)
+def _timeline(path: Path, drive: ReportedDrive) -> Picture:
+    rows, sigmas, levels = drive.rows, drive.sigmas(), drive.levels
+    along, across, heading = _signed(drive.errors)
     kinds = [
         ErrorRow("along", "m", along, sigmas[:, 0], levels[:, 0]),
         ErrorRow("across", "m", across, sigmas[:, 1], levels[:, 1]),
         ErrorRow("heading", "°", np.degrees(heading), np.degrees(sigmas[:, 2]), np.full(len(rows), math.nan)),
     ]
     words = [row.status for row in rows]
-    plot_timeline(path, np.arange(float(len(rows))), words, is_wrong, kinds, title="Scan by scan")
+    plot_timeline(path, np.arange(float(len(rows))), words, drive.is_wrong, kinds, title="Scan by scan")
     return Picture.of("drive-timeline", path)
 
 
