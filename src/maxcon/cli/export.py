@@ -33,9 +33,7 @@ class ExportOptions(OptionGroup):
     )
     crs: str | None = flag(None, "CRS of the poses, where the map tells none.", metavar="EPSG:N|WKT")
     scans: Path | None = flag(
-        None,
-        "The scans of the drive, placed in the map: all their points as LAZ, thinned in .mcap and .rrd.",
-        metavar="SCANS",
+        None, "The scans of the drive, placed in the map: all points as LAZ, thinned in .mcap, .rrd.", metavar="SCANS"
     )
     scores: bool = flag(False, "With --map and --scans, in .rrd: show the scores of the cells around each prior.")
     topic: Topic = None

@@ -30,7 +30,7 @@ class PlaceOptions(OptionGroup):
     out: Path = flag(..., "Folder of the map to write.", "--out", "-o", metavar="MAP2")
     gnss: Path | None = flag(
         None,
-        "Positions of a receiver: NMEA, CSV with latitude and longitude, a recording; or TUM or CSV in the CRS.",
+        "Positions of a receiver: NMEA, CSV (latitude, longitude), a recording; TUM, CSV in the CRS.",
         metavar="FILE",
     )
     trajectory: Path | None = flag(
@@ -43,14 +43,10 @@ class PlaceOptions(OptionGroup):
     geoid_height: GeoidHeight = None
     allow_inexact_crs: AllowInexactCrs = False
     control: Path | None = flag(
-        None,
-        "Control points: name,x,y,z in the map, east,north,height in the CRS, and sigma (m) if not 0.05.",
-        metavar="CSV",
+        None, "Control points: name; x,y,z in the map; east,north,height in the CRS; sigma, else 0.05 m.", metavar="CSV"
     )
     level_sigma_deg: float | None = flag(
-        None,
-        "How well the map's z axis is known to be up, as LiDAR-inertial programs leave it, degrees.",
-        metavar="DEG",
+        None, "How well the map's z axis is known to be up, as of LiDAR-inertial programs, degrees.", metavar="DEG"
     )
     with_scale: bool = flag(False, "Distances in the map may be off by a factor, too.")
     residuals: Path | None = flag(None, "Also write the residuals.", metavar="CSV")

@@ -31,17 +31,11 @@ class Simulated(OptionGroup):
     scanner: str | None = flag(None, "The car's scanner: vlp-16 (default), vlp-32c, hdl-64e or os1-64.", metavar="NAME")
     epochs: int | None = flag(None, "How many scans; 40, 3001 with --campaign, 200 in a suburb.", min=1)
     every: float | None = flag(
-        None,
-        "With --campaign: seconds between two scans, from the beginning of the round on. Else they are spread evenly"
-        " over it.",
-        metavar="S",
+        None, "With --campaign: seconds between scans from its beginning on; else spread evenly.", metavar="S"
     )
     seed: int = flag(0, "The same seed gives the same dataset.", min=0)
     recording: Literal["bag", "mcap"] | None = flag(
-        None,
-        "Also write the scans, with positions in latitude and longitude, as a recording: a ROS 1 bag or MCAP (extra"
-        " recordings).",
-        metavar="bag|mcap",
+        None, "Also record scans and latitudes, longitudes: ROS 1 bag, MCAP (extra recordings).", metavar="bag|mcap"
     )
     overwrite: bool = flag(False, "Replace the folder if there is one.")
 
@@ -147,12 +141,9 @@ def _print_demo(results: "DemoResults") -> None:
         for name in names:
             table.add_column(name, justify="right")
     for of in map(statistics, results.near):
-        numbers = (
-            f"{of.distance.median:.3f}",
-            f"{of.distance.worst:.3f}",
-            f"{math.degrees(of.heading_error.worst):.2f}",
-        )
-        near.add_row(of.method, f"{of.n_success} of {of.n_epochs}", *numbers, f"{of.ms.median:.0f}")
+        far, turned = f"{of.distance.worst:.3f}", f"{math.degrees(of.heading_error.worst):.2f}"
+        success = f"{of.n_success} of {of.n_epochs}"
+        near.add_row(of.method, success, f"{of.distance.median:.3f}", far, turned, f"{of.ms.median:.0f}")
     for of in results.widest:
         wide.add_row(of.method, f"{of.n_success} of {of.n_epochs}", str(of.n_false), f"{of.ms.median:.0f}")
     Console().print(near)

@@ -46,9 +46,7 @@ def _parameters_of(file: Path) -> dict[str, object]:
         with reading(file, "parameters of ROS 2"):
             content: Any = YAML(typ="safe", pure=True).load(read_regular(file, MOST_BYTES))
     except (YAMLError, ValueError, RecursionError) as error:
-        raise FileError(
-            f"Expected {file} to be YAML, got: {' '.join(str(error).split())[:200]}. Correct it."
-        ) from error
+        raise FileError(f"Expected {file} to be YAML, got: {' '.join(str(error).split())[:200]}. Mend it.") from error
     sections = content.items() if isinstance(content, dict) else ()
     found: list[Any] = [
         section.get("ros__parameters") for name, section in sections if name in NODE and isinstance(section, dict)
@@ -98,10 +96,7 @@ def live(topics: Topics, parameters: ParameterFile, ranges: RangeOptions, output
     if not topics.ros2:
         raise OptionError("Expected --ros2, by which messages come, got nothing. Add it.")
     point_map = PointMap.open(topics.map_folder)
-    localizer = LiveLocalizer(
-        point_map,
-        MaximumConsensus(n_threads=waiting.threads),
-        options=LiveOptions(waiting.delay, waiting.queue, waiting.patience),
-        drive=DriveOptions(ranges.min_range, ranges.max_range),
-    )
+    method, drive = MaximumConsensus(n_threads=waiting.threads), DriveOptions(**vars(ranges))
+    options = LiveOptions(waiting.delay, waiting.queue, waiting.patience)
+    localizer = LiveLocalizer(point_map, method, options=options, drive=drive)
     Ros2Node(localizer, Ros2Wire(topics.domain), topics, outputs).run()

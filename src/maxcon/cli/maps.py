@@ -80,9 +80,7 @@ class CloudOptions(OptionGroup, title="Inputs"):
         "[CLOUD...]",
     )
     trajectory: Path | None = flag(
-        None,
-        "Where the mapping sensor was, matched by the points' gps_time: turns normals to its side.",
-        metavar="TUM|CSV",
+        None, "Where the mapping sensor was at the points' gps_time: turns normals to its side.", metavar="TUM|CSV"
     )
     signed_normals: bool = flag(False, "The clouds' own normals are turned to the sensor already.")
     crs: str | None = flag(None, "CRS of clouds that name none themselves.", metavar="EPSG:N|WKT")
@@ -217,9 +215,7 @@ class PassFiles(OptionGroup, title="Inputs"):
 
     clouds: list[Path] = argument(..., "LAS or LAZ files of all passes, in tiles or whole.", "CLOUD...")
     trajectory: list[Path] | None = flag(
-        None,
-        "Where the mapping sensor was, in the times of the points: corrected as they are; repeatable.",
-        metavar="TUM|CSV",
+        None, "Where the mapping sensor was at the points' times: corrected as they are; repeatable.", metavar="TUM|CSV"
     )
     crs: str | None = flag(None, "CRS of clouds that name none themselves.", metavar="EPSG:N|WKT")
     drop: list[str] | None = flag(
@@ -249,10 +245,7 @@ class PassOptions(OptionGroup, title="Passes"):
     )
     georeference_sigma_deg: float = flag(0.05, "The same of its roll, pitch and heading, in degrees.", metavar="DEG")
     drift_sigma: float | None = flag(
-        None,
-        "Standard deviation of how a pass's errors change within it, in m; 0: passes are rigid. Default: what the"
-        " matches ask for.",
-        metavar="M",
+        None, "How a pass's errors change within it: sigma, m; 0: rigid. Default: as its matches ask.", metavar="M"
     )
     knot_spacing: float = flag(10.0, "Corrections that drift are free every so many seconds.", "--knots", metavar="S")
 

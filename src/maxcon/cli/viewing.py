@@ -50,9 +50,7 @@ class ViewOptions(OptionGroup, title="Output"):
 class ScoresOptions(ViewOptions, title="Output"):
     """Whether scores of cells are shown, too."""
 
-    scores: bool = flag(
-        False, "With --view or --save: show the scores of the cells, too, searched anew, some 0.1 s a scan."
-    )
+    scores: bool = flag(False, "With --view or --save: show the cells' scores, too, searched anew, some 0.1 s a scan.")
 
     def __post_init__(self) -> None:
         check_needs({"--scores": self.scores}, {"--view": self.view, "--save": self.save})

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from maxcon.drive.live_inbox import MEMORY, LiveCounts, LiveInbox, LiveOptions, Position, Taken, WaitingScan, pose_near
-from maxcon.drive.localize import DriveOptions, EpochEstimate, pose_or_none, tracked_epoch
+from maxcon.drive.localize import DriveOptions, EpochEstimate, Read, pose_or_none, tracked_epoch
 from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
 from maxcon.drive.tracker import Tracker
 from maxcon.errors import ArrayError, MapError, MaxconError, TrajectoryError
@@ -40,8 +40,6 @@ START = np.diag(np.square([0.1, 0.1, 1.0, *np.radians([1.0, 1.0, 0.5])]))
 LARGEST = 1e12  # s, or m: a larger number is none of a vehicle, and squares of it leave the range of floats
 LOOK_EVERY = 0.005  # s between looks at whether a scan has waited long enough
 METRES_AHEAD = 150.0  # tiles are read before they are needed, m around the vehicle
-
-Read = tuple[RawScan, str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

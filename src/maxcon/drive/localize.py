@@ -34,6 +34,7 @@ FAR_FROM_ZERO = 10_000.0  # m; where a map lies that far out, numbers up to 180 
 # The map is told of the tiles so far (m) around the priors of so many epochs: a remote one fetches them ahead.
 EPOCHS_AHEAD, METRES_AHEAD = 10, 40.0
 
+Read = tuple[RawScan, str]  # a scan, or why it cannot be read
 NOTHING_KNOWN = "there is neither a track nor a prior to begin one"
 
 
@@ -155,12 +156,7 @@ def track_drive(
 
 
 def tracked_epoch(
-    point_map: PointMap,
-    tracker: Tracker,
-    epoch: int,
-    read: tuple[RawScan, str],
-    own: Pose | None,
-    motion: Motion | None,
+    point_map: PointMap, tracker: Tracker, epoch: int, read: Read, own: Pose | None, motion: Motion | None
 ) -> EpochEstimate:
     """Return the answer of a tracker for its next scan.
 
@@ -271,7 +267,7 @@ class Drive:
 
 def _answered(
     epoch: int,
-    read: tuple[RawScan, str],
+    read: Read,
     prior: Pose | None,
     point_map: PointMap,
     refused: Callable[[Scan], tuple[Status | None, str]],
@@ -311,7 +307,7 @@ def scan_of(raw: RawScan) -> Scan:
     return Scan(raw.points, time=raw.time, viewpoints=raw.viewpoints)
 
 
-def read_epoch(scans: Scans, epoch: int, options: DriveOptions) -> tuple[RawScan, str]:
+def read_epoch(scans: Scans, epoch: int, options: DriveOptions) -> Read:
     """Return the scan of an epoch, or one without points and the reason why it cannot be read."""
     try:
         return scans.read(epoch, options.min_range, options.max_range), ""

@@ -47,12 +47,8 @@ class PointSpacing:
 
     def describe(self) -> dict[str, object]:
         """Return its entry in the manifest (docs/map_format.md)."""
-        return {
-            "median": round(self.median, 4),
-            "at_90": round(self.at_90, 4),
-            "n_points": self.n_points,
-            "suits_cell": self.cell,
-        }
+        spacing = {"median": round(self.median, 4), "at_90": round(self.at_90, 4)}
+        return {**spacing, "n_points": self.n_points, "suits_cell": self.cell}
 
 
 def point_spacing(points: TileBuckets, cell: float, *, are_scans: bool = False) -> PointSpacing | None:
