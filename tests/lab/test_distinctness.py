@@ -167,7 +167,7 @@ def test_the_unit_of_the_score_does_not_matter(seed, factor):
         (-0.5, r"finite scores >= 0 .*got -0\.5 to 8\. Let the objective score 0 where nothing matches"),
         (math.inf, "finite scores >= 0 .*got 0 to inf"),
         (-math.inf, "finite scores >= 0 .*got -inf to 8"),
-        (math.nan, "scores that are numbers, got NaN"),
+        (math.nan, "scores of .* that are numbers, got NaN"),
     ],
 )
 def test_scores_that_have_no_shares_are_refused(value, words):
