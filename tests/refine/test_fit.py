@@ -15,7 +15,7 @@ from maxcon import MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trust
 from maxcon.estimate import Status
 from maxcon.refine import fit, patterns, refine
 from maxcon.refine.adjustment import table_around
-from walled_towns import TRUTH, beside, made, walls
+from walled_towns import TRUTH, beside, made, seen, walls
 
 SPACE = SearchSpace(1.0, heading_half_width_deg=2.0)
 SEEDS = st.integers(0, 3)
@@ -150,10 +150,30 @@ def test_away_from_the_right_pose_patches_lie_beside_the_map():
     assert "patches of surface lie beside those of the map" in found.words
 
 
-def test_walls_of_one_side_that_are_not_found_are_missed():
-    point_map, scan = town(3)
-    moved = scan.points + (scan.points[:, 1:2] > 0.0) * [0.0, 1.2, 0.0]
-    assert "to the left" in fitted(Scan(moved, scan.normals), point_map).words
+def street(*sides):
+    """Points and normals of facades 7 m to the left (1) and to the right (-1) of a way along x, with piers."""
+    along, up = (grid.ravel() for grid in np.meshgrid(np.arange(-15.0, 15.0, 0.05), np.arange(0.1, 4.0, 0.08)))
+    out, high = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, 1.2, 0.05), np.arange(0.1, 4.0, 0.08)))
+    points, normals = [], []
+    for side in sides:
+        points.append(np.column_stack([along, np.full(len(along), 7.0 * side), up]))
+        normals.append(np.tile([0.0, -side, 0.0], (len(along), 1)))
+        for x in (-12.0, -5.0, 1.0, 9.0):
+            points.append(np.column_stack([np.full(len(out), x + 0.7 * side), side * (7.0 - out), high]))
+            normals.append(np.tile([-math.copysign(1.0, x), 0.0, 0.0], (len(out), 1)))
+    return np.concatenate(points), np.concatenate(normals)
+
+
+@pytest.mark.parametrize(("side", "words"), [(1.0, "to the left"), (-1.0, "to the right")])
+def test_walls_of_one_side_are_told_if_they_lie_beside_those_of_the_map_not_if_the_map_has_none(side, words):
+    here = Pose(0.3, -0.4, 1.6, 0.0, 0.0, 0.05)
+    scan = seen(*street(1.0, -1.0), here, seed=1)
+    moved = scan.points + (side * scan.points[:, 1:2] > 0.0) * [0.0, 1.2 * side, 0.0]
+    found = fitted(Scan(moved, scan.normals), PointMap.from_points(*street(1.0, -1.0), 0.06), here)
+    assert found.misfit > 1.0
+    assert words in found.words and "lie 1.2 m beside the map" in found.words
+    without = fitted(scan, PointMap.from_points(*street(-side), 0.06), here)
+    assert (without.misfit, without.words) == (0.0, "")
 
 
 def test_a_scan_that_looks_to_one_side_is_not_tested_for_what_arises_during_a_turn():

@@ -3,8 +3,8 @@
 """Fit of a scan to the map at a refined pose (D12): what the residuals of the adjustment do not show.
 
 A wrong place, a distorted scan and a map that is off leave traces in partners farther away than the adjustment takes:
-patches of surface that lie beside the map, halves of the scan of which one has no partners, and residuals that follow
-a pattern, such as a scan stretched by the motion during its turn: the pose is then that of the scan without it.
+patches of surface that lie beside the map, a side whose walls do, and residuals that follow a pattern, such as a scan
+stretched by the motion during its turn: the pose is then that of the scan without it.
 """
 
 import math
@@ -23,13 +23,14 @@ PATCH_OFF = 0.05
 """A patch of the scan is off if the median of the distances of its points exceeds this, m."""
 USUALLY_OFF, FALSE_ALARM_SIGMAS = 0.15, 4.0
 """Of right answers up to this fraction of the patches is off, and their number scatters as drawn at random."""
-SIDE_POINTS, FACING, LEAST_FOUND = 60, 0.75, 0.25
-"""Walls to the left and to the right are compared by so many points each, with a normal of this part along an axis,
-where on the better side at least this fraction is found ..."""
-LEAST_BESIDE, LEAST_ACROSS = 0.12, 0.15
-"""... and on the worse one this ratio to it: of walls that face the way, and of those across it."""
-FOUND_BEFORE, ALL_BEFORE = 2, 4
-"""Added to the numbers of found and of all points: few are less certain than many."""
+SIDE_POINTS, FACING, MOST_FOUND = 60, 0.75, 0.25
+"""Walls to one side are judged by so many points, with a normal of this part along an axis, if at most this fraction is
+found."""
+FARTHEST, TOGETHER, DISPLACED = 1.6, 0.24, 0.4
+"""They are displaced if of the points that lie on walls of the map, or up to so far beside one that faces alike, all
+within so much of another, m, more than this fraction lies beside."""
+FOUND_BEFORE = 2
+"""Added to the number of found points: few are less certain than many."""
 LEVEL = 0.5
 """A wall point has a normal with a vertical part below this."""
 UNKNOWN, COVERED = 2.0, 0.25
@@ -78,7 +79,7 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
         errors += np.outer(shift, shift)
     if explanation.unexplained is not None:
         doubts.append((UNKNOWN, f"residuals stay unexplained where the scan {explanation.unexplained.words()}"))
-    doubts += [*_patches_beside(partners, point_map.cell), *_missing_sides(partners)]
+    doubts += [*_patches_beside(partners, point_map.cell), *_displaced_sides(partners, point_map, table)]
     misfit, words = max((each for each, _ in doubts), default=0.0), "; ".join(words for _, words in doubts)
     return Fit(misfit, words, refined, errors)
 
@@ -99,23 +100,29 @@ def _patches_beside(partners: Partners, cell: float) -> list[tuple[float, str]]:
     return [(n_off / expected, f"{n_off} of {n} patches of surface lie beside those of the map")]
 
 
-def _missing_sides(partners: Partners) -> list[tuple[float, str]]:
-    """The misfit, and words, where walls to one side are not found while those to the other, facing alike, are.
+def _displaced_sides(partners: Partners, point_map: PointMap, table: VoxelTable) -> list[tuple[float, str]]:
+    """The misfit, and words, where walls to one side lie beside walls of the map that face alike, all as far off.
 
-    A map that is off on one side, and a scan stretched during its turn, leave one side without partners.
+    A map that is off on one side, and a scan stretched during its turn, displace one side. Walls that are merely not
+    found may be new.
     """
     is_wall = np.abs(partners.normals @ partners.pose.rotation[2]) < LEVEL
     is_found, is_left, doubts = partners.patches >= 0, partners.points[:, 1] > 0.0, []
-    for axis, facing, least_ratio in ((1, "to the way", LEAST_BESIDE), (0, "along the way", LEAST_ACROSS)):
+    for axis, facing in ((1, "to the way"), (0, "along the way")):
         faces = is_wall & (np.abs(partners.normals[:, axis]) > FACING)
-        numbers = np.array([np.count_nonzero(faces & side) for side in (is_left, ~is_left)])
-        found = np.array([np.count_nonzero(faces & is_found & side) for side in (is_left, ~is_left)])
-        if numbers.min() < SIDE_POINTS:
-            continue
-        shares = (found + FOUND_BEFORE) / (numbers + ALL_BEFORE)
-        k = int(np.argmin(shares))
-        if shares[1 - k] >= LEAST_FOUND and shares[k] < least_ratio * shares[1 - k]:
-            side = ("left", "right")[k]
-            words = f"of {numbers[k]} wall points to the {side} facing {facing} {found[k]} are found"
-            doubts.append((float(least_ratio * shares[1 - k] / shares[k]), words))
+        for side, words in ((is_left, "left"), (~is_left, "right")):
+            n, n_found = (int(np.count_nonzero(faces & side & each)) for each in (True, is_found))
+            if n < SIDE_POINTS or n_found > MOST_FOUND * n:
+                continue
+            chosen = np.flatnonzero(faces & side & ~is_found)
+            distances = partners.distances_within(FARTHEST, chosen, point_map, table)
+            offsets = np.sort((distances * np.sign(partners.normals[chosen, axis]))[np.isfinite(distances)])
+            beside = np.searchsorted(offsets, offsets + TOGETHER, "right") - np.arange(len(offsets))
+            n_beside = int(beside.max(initial=0))
+            ratio = n_beside / (n_beside + n_found + FOUND_BEFORE)
+            if ratio > DISPLACED:
+                first = int(np.argmax(beside))
+                off = abs(float(np.median(offsets[first : first + n_beside])))
+                found = f"of {n} wall points to the {words} facing {facing} {n_found} are found"
+                doubts.append((ratio / DISPLACED, f"{found}, and {n_beside} lie {off:.1f} m beside the map"))
     return doubts

@@ -136,23 +136,42 @@ class Partners:
     @classmethod
     def of(cls, sample: Scan, pose: Pose, point_map: PointMap, table: VoxelTable) -> "Partners":
         """Find the partners of some of the points that have a normal."""
-        from maxcon.refine import kernels, partner_kernels
+        from maxcon.refine import kernels
 
         has_normal = np.flatnonzero(sample.normals.any(axis=1))
         n_chosen = min(MOST_POINTS, len(has_normal))
         chosen = has_normal[np.arange(n_chosen) * len(has_normal) // max(1, n_chosen)]
-        points, normals, planes = sample.points[chosen], sample.normals[chosen], np.zeros((len(chosen), 4))
-        partner_kernels.find_partners(
-            points, normals, pose.values, 1, point_map.cell, (max(2, math.ceil(GATE / point_map.cell)), 0),
-            LEAST_COSINE, point_map.is_signed, table, planes,
-        )  # fmt: skip
-        distances = planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(points))
-        is_near = planes[:, :3].any(axis=1) & (np.abs(distances) < GATE)
+        points, normals = sample.points[chosen], sample.normals[chosen]
+        planes, distances = _planes_within(GATE, points, normals, pose, point_map, table)
+        is_near = np.isfinite(distances)
         patches, walls = (np.empty(len(points), np.int64) for _ in range(2))
         n_patches, _ = kernels.number_groups(
             points, planes, is_near.astype(np.float64), pose.position, CLUSTER_EDGE, N_BINS, STEEPEST, patches, walls
         )
-        return cls(pose, points, normals, planes, np.where(is_near, distances, np.inf), patches, n_patches)
+        return cls(pose, points, normals, planes, distances, patches, n_patches)
+
+    def distances_within(
+        self, gate: float, chosen: NDArray[np.int64], point_map: PointMap, table: VoxelTable
+    ) -> NDArray[np.float64]:
+        """Distances of chosen points from the nearest planes along their normals, m, infinite beyond a gate."""
+        points, normals = self.points[chosen], self.normals[chosen]
+        return _planes_within(gate, points, normals, self.pose, point_map, table)[1]
+
+
+def _planes_within(
+    gate: float, points: Points, normals: Points, pose: Pose, point_map: PointMap, table: VoxelTable
+) -> tuple[Points, NDArray[np.float64]]:
+    """Planes, (n, 4), along the normals of points up to a gate, m, and distances from them, infinite without one."""
+    from maxcon.refine import partner_kernels
+
+    planes = np.zeros((len(points), 4))
+    partner_kernels.find_partners(
+        points, normals, pose.values, 1, point_map.cell, (max(2, math.ceil(gate / point_map.cell)), 0),
+        LEAST_COSINE, point_map.is_signed, table, planes,
+    )  # fmt: skip
+    distances = planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(points))
+    is_near = planes[:, :3].any(axis=1) & (np.abs(distances) < gate)
+    return planes, np.where(is_near, distances, np.inf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
