@@ -34,11 +34,7 @@ Points = NDArray[np.float64]
 
 
 def check_heights(point_map: PointMap, prior: Trajectory, *, are_orthometric: bool = False) -> None:
-    """Refuse heights of a prior, taken as they are, that lie far above or below the map's ground.
-
-    TrajectoryError if the median of some poses inside the map does; without ground in the map there is nothing to tell.
-    The prior is in global coordinates, its heights above the geoid (`are_orthometric`) or the ellipsoid.
-    """
+    """Refuse heights of a prior (TrajectoryError) that lie far above or below the map's ground in the median."""
     median = above_ground(point_map, point_map.frame.to_local(prior.positions))
     if not (median < LOWEST or median > HIGHEST):
         return
@@ -153,8 +149,7 @@ def alternative_that_fits(
 ) -> str:
     """Return in words which alternative all epochs that are tried fit clearly better; empty if there is none to try.
 
-    Map, scans, method and options are those the drive was localized with. Where nearly all epochs are localized only
-    mirrored scans are tried, which fit streets that are alike on both sides.
+    Where nearly all are localized only mirrored scans are tried, which fit streets that are alike on both sides.
     """
     searched = [epoch for epoch in epochs if epoch.prior and epoch.status not in WITHOUT_SEARCH]
     n_localized = sum(epoch.pose_global is not None for epoch in epochs)

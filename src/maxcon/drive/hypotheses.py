@@ -128,11 +128,7 @@ def distance(one: UncertainPose, other: UncertainPose) -> float:
 
 
 def window(predicted: UncertainPose, sigmas: float, space: SearchSpace) -> SearchSpace:
-    """Return the window around a predicted pose in which a scan may find it: so many sigmas of the innovation.
-
-    Cells and steps are those of `space`, the wide one. A half width beyond `FARTHEST_REACH` only says so: it is cut at
-    twice that.
-    """
+    """Return the window of so many sigmas of the innovation around a prediction, at most twice `FARTHEST_REACH`."""
     return SearchSpace.from_covariance(
         predicted.planar_covariance + np.diag(_cell_variances(space)[PLANAR]),
         k=sigmas,
@@ -144,11 +140,7 @@ def window(predicted: UncertainPose, sigmas: float, space: SearchSpace) -> Searc
 
 
 def measured_covariance(estimate: Estimate, space: SearchSpace) -> NDArray[np.float64]:
-    """Covariance of an estimate as a measurement, shape (6, 6): its own, or a best cell's where it has none.
-
-    A best cell measures x, y and heading: within the cell and the step any value is as likely (edge / sqrt(12)), and
-    map and scan add 2 cm and 0.1 degrees.
-    """
+    """Covariance of an estimate as a measurement, (6, 6): its own, else that of a cell (edge / sqrt(12))."""
     is_known = np.isfinite(np.diag(estimate.covariance)[PLANAR]).all()
     return estimate.covariance if is_known else np.diag(_cell_variances(space))
 
@@ -169,9 +161,8 @@ def find_candidates(
 ) -> list[Hypothesis]:
     """Return the places in a space around a prior that score at least a ratio of the best one, the best first.
 
-    Each is a hypothesis whose evidence is that ratio. They lie farther apart than the guard radius of the method, whose
-    own space is not used. Where branch and bound proves that no other place scores so much, that is all. Where it does
-    not, every cell is scored; of a wide space the places that it left open.
+    They lie farther apart than the guard radius, and that ratio is their evidence. Where branch and bound does not
+    prove that there are no others, every cell is scored; of a wide space the places that it left open.
     """
     asked = replace(method, space=space, trust=replace(method.trust, largest_runner_up=ratio), refinement=False)
     best = asked.localize(scan, point_map, prior)

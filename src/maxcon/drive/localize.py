@@ -135,12 +135,8 @@ def track_drive(
 ) -> Iterator[EpochEstimate]:
     """Return an iterator over the estimates of all scans, each searched where the one before and the motion allow.
 
-    Other parameters and errors as of `localize_drive`. A scan whose motion is not known is an epoch with that status.
-
-    prior: may have gaps: it is needed where the track begins, and tells a wrong one.
-    tracker: how each is localized; its noise is that of the motion's source.
-    odometry: source of the motion between scans, T_odometry_sensor: in any frame, and drifting. Without it the prior
-        is. TrajectoryError if it has no pose for any scan.
+    `prior` may have gaps: it begins a track, and tells a wrong one. Motion is that of `odometry`, T_odometry_sensor in
+    any frame, or of the prior; errors as of `localize_drive`.
     """
     options = options or DriveOptions()
     poses = priors = _priors_of_scans(point_map, scans, prior, options)
@@ -158,12 +154,7 @@ def track_drive(
 def tracked_epoch(
     point_map: PointMap, tracker: Tracker, epoch: int, read: Read, own: Pose | None, motion: Motion | None
 ) -> EpochEstimate:
-    """Return the answer of a tracker for its next scan.
-
-    epoch, read: number of the scan; its points, or the reason why they cannot be read, as `read_epoch` returns them.
-    own: its prior, local frame, if there is one.
-    motion: since the last scan whose motion was known; None if it is not.
-    """
+    """Return a tracker's answer for a scan of `read_epoch`, its `own` prior (local frame) and its motion, if known."""
     if motion is not None:
         tracker.move(motion)
     expected = own if tracker.prediction is None else tracker.prediction.pose
@@ -195,11 +186,7 @@ def _motions(times: Sequence[float], poses: Sequence[Pose | None]) -> list[Motio
 def relocalize_drive(
     scans: Scans, relocalizer: Relocalizer, options: DriveOptions | None = None, *, first: int = 0
 ) -> Iterator[EpochEstimate]:
-    """Return an iterator over the estimates of all scans, each looked for without a prior, in order of time.
-
-    MapError, before the first, if there is no ground in the map where scanners are looked for; parameters as of
-    `localize_drive`.
-    """
+    """Return an iterator over the estimates of all scans without a prior; MapError if a scanner may stand nowhere."""
     options = options or DriveOptions()
     relocalizer.check()
 
@@ -215,10 +202,7 @@ def relocalize_drive(
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A drive whose epochs can be localized in any order, each by itself; parameters as of `localize_drive`.
-
-    Its `priors` are those of the scans, local frame, None where there is none.
-    """
+    """A drive whose epochs can be localized in any order, each from its own of the `priors` (local frame)."""
 
     point_map: PointMap
     scans: Scans
@@ -273,11 +257,7 @@ def _answered(
     refused: Callable[[Scan], tuple[Status | None, str]],
     localize: Callable[[Scan], Estimate | None],
 ) -> EpochEstimate:
-    """Return the answer for a scan as `read_epoch` returns it, timed; global coordinates if it is localized.
-
-    `refused` says why a scan is not searched for, if so. A prior or points with numbers that no map can hold (z = 1e9
-    m) get a status, and so does a track without a pose.
-    """
+    """Return the timed answer for a scan of `read_epoch`; numbers that no map can hold get a status, not an error."""
     raw, reason = read
     scan = scan_of(raw)
     status, reason = (Status.UNREADABLE, reason) if reason else refused(scan)

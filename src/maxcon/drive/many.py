@@ -40,17 +40,11 @@ MOST_MAPS, MOST_DRIVES = 4, 2  # most maps, and most drives, that a worker keeps
 
 @dataclass(frozen=True, slots=True)
 class DriveEntry:
-    """Where the parts of a drive are.
+    """Where the parts of a drive are; prior, times and odometry as `maxcon localize` takes them."""
 
-    name: different from that of all other drives.
-    scans: a folder, or a recording.
-    map: the map it is localized in: a folder, or a URL.
-    prior, times, odometry: as `maxcon localize` takes them.
-    """
-
-    name: str
-    scans: Path
-    map: Path | str
+    name: str  # different from that of all other drives
+    scans: Path  # a folder, or a recording
+    map: Path | str  # that it is localized in: a folder, or a URL
     prior: Path | None = None
     times: Path | None = None
     odometry: Path | None = None
@@ -72,12 +66,7 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def read_drives(path: str | os.PathLike[str], map_folder: Path | str | None = None) -> list[DriveEntry]:
-    """Return the drives of a table; paths in it are relative to its folder. FileError if it is none.
-
-    path: CSV with a header, of `name`, `scans` and, as far as needed, `prior`, `map`, `times`, `odometry`; or TOML with
-        a table `[[drive]]` of the same keys for each.
-    map_folder: the map of drives that name none.
-    """
+    """Return the drives of a table, CSV or TOML with [[drive]], paths relative to it; FileError if it is none."""
     file = Path(path)
     values = read_toml(file, WHAT, ADVICE) if file.suffix.lower() == ".toml" else {"drive": _csv_rows(file)}
     rows = checked(values, _Table, file, WHAT, ADVICE).drive
@@ -201,16 +190,11 @@ class ManyDrivesJob:
 
 @dataclass(slots=True)
 class Localized:
-    """Summary of a run over many drives.
+    """Summary of a run over many drives; `n_new` epochs were localized by it, `refused` says why a drive was not."""
 
-    n_drives, n_epochs, n_localized: drives in the dataset, their epochs, and those of them with the status "localized".
-    n_new: epochs localized by this call.
-    refused: why a drive cannot be localized, by its name.
-    """
-
-    n_drives: int = 0
+    n_drives: int = 0  # in the dataset
     n_epochs: int = 0
-    n_localized: int = 0
+    n_localized: int = 0  # epochs with the status "localized"
     n_new: int = 0
     refused: dict[str, str] = field(default_factory=dict)
 
@@ -224,14 +208,8 @@ def localize_drives(
 ) -> Localized:
     """Localize drives into a Parquet dataset; drives and epochs that it has already are not localized again.
 
-    A drive that cannot be localized is in `refused`; the others are localized all the same. FileError or OptionError if
-    the folder cannot be written, holds something else, or was made with other options.
-
-    entries: the drives.
-    job: how they are localized.
-    out: folder of the dataset; made if it is not there.
-    engine: who does the work; all processors of this machine if None.
-    progress: called with (step, done, of how many).
+    A drive that cannot be localized is in `refused`. FileError or OptionError if the folder cannot be written, holds
+    something else, or was made with other options.
     """
     dataset = PosesDataset(Path(out))
     with work_folder(dataset.folder, "poses of drives", OPTIONS):

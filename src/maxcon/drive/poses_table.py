@@ -83,13 +83,9 @@ def localized_trajectory(epochs: Sequence[EpochEstimate]) -> Trajectory | None:
 
 
 def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -> None:
-    """Write time (s), pose (global, m, rad), score, status and milliseconds of every epoch, and how sure it is.
+    """Write POSES.csv of epochs; FileError if it cannot be written.
 
-    Names that end in `_deg` are degrees. A shift is the answer less its prior. How sure: standard deviations, the
-    protection level along and across the heading, m, and the upper triangle of the covariance of x, y, z,
-    roll, pitch and heading, row by row, axes of the CRS, m^2, m rad and rad^2. Pose, level and covariance are empty
-    unless the status is "localized": a row cannot be mistaken for a pose. The reason is empty where the status says
-    all. FileError if it cannot be written.
+    Pose, level and covariance are empty unless the status is "localized": a row cannot be mistaken for a pose.
     """
     with atomic_file(path) as partial:
         partial.write_bytes(_encoded([COLUMNS]) + _encoded(map(_cells, epochs)))
@@ -117,10 +113,7 @@ class RowsThere:
 
 
 def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> RowsThere:
-    """Return the part of a table of scans at `times` (s) that has been written; empty if there is no file.
-
-    FileError if it cannot be read, or its rows are not those of the first scans.
-    """
+    """Return the part of a table of scans at `times` (s) that was written; FileError if it is of other scans."""
     n_rows, n_localized, n_bytes = -1, 0, 0  # the header is none
     line = b""
     try:
@@ -150,11 +143,9 @@ def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> Rows
 
 
 class GrowingTable(AbstractContextManager["GrowingTable"]):
-    """POSES.csv while a drive is localized: the row of each epoch is in the file once that is done.
+    """POSES.csv while a drive is localized: each row is in the file once its epoch is done, to go on with after a kill.
 
-    The first row makes the file, or replaces the one that was there, in one step; each other one is appended. What is
-    there when the process is killed can be gone on with. Rows of scans that cannot be read wait for the first that can:
-    where there is none, nothing is written.
+    The first row makes or replaces the file. Rows of scans that cannot be read wait for the first that can.
     """
 
     def __init__(self, path: str | os.PathLike[str], there: RowsThere | None = None) -> None:
@@ -213,10 +204,7 @@ def poses_schema() -> "pyarrow.Schema":
 
 
 class PosesDataset:
-    """The dataset in a folder. A drive is published once all its epochs are done; until then its rows are in _parts.
-
-    folder: `drive=NAME/poses.parquet` for each drive.
-    """
+    """A folder of `drive=NAME/poses.parquet`, each published once complete; until then its rows are in _parts."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -300,10 +288,7 @@ class PosesDataset:
 
 
 def table_of_drive(folder: Path, name: str | None) -> Path:
-    """Return the file with the poses of a drive in a dataset; of the only one there, if none is named.
-
-    OptionError if the drive is not in it, or not done, or none is named of several.
-    """
+    """Return the file with the poses of a drive that is done in a dataset, of the only one if none is named."""
     names = sorted(path.parent.name.removeprefix("drive=") for path in folder.glob("drive=*/poses.parquet"))
     if (name is None and len(names) == 1) or name in names:
         return PosesDataset(folder).table(name or names[0]).path

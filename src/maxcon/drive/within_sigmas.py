@@ -24,10 +24,7 @@ SMALLEST_HALF_WIDTH, SMALLEST_TURN_DEG = 1.0, 1.0
 
 @dataclass(frozen=True)
 class WithinSigmas:
-    """A method that searches so many standard deviations of each prior, and wider where its answer is in doubt.
-
-    OptionError if the largest half width is not above 0.
-    """
+    """A method that searches so many standard deviations of each prior, and wider where its answer is in doubt."""
 
     # What searches. Cells, steps and heights of its space are taken over; all of it is searched where it is not known
     # how well a prior is known.
@@ -42,10 +39,7 @@ class WithinSigmas:
             raise OptionError(f"Expected a largest half width above 0 m, got {self.largest_half_width}. Default: 24 m.")
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
-        """Find the pose of a scan around its prior, local frame: see `MaximumConsensus.localize`.
-
-        TrajectoryError if the trajectory has no pose at the time of the scan.
-        """
+        """Find the pose of a scan around its prior, local frame; TrajectoryError if the trajectory has no pose then."""
         covariance = self.prior.covariance_at(scan.time, self.max_gap)
         estimate = self.at(scan.time).localize(scan, point_map, prior)
         if covariance is None:

@@ -52,10 +52,7 @@ class LocalFrame:
 
 
 def voxel_indices(points: NDArray[np.float64], cell: float) -> NDArray[np.int32]:
-    """Index floor(coordinate / cell) of the voxel (edge `cell`, m) each point (n, 3) falls in, shape (n, 3).
-
-    An ArrayError if a point lies more than 2^30 voxels from the origin (64,000 km at 6 cm).
-    """
+    """Index floor(coordinate / cell) of each point's voxel, (n, 3); ArrayError beyond 2^30 (64,000 km at 6 cm)."""
     scaled = np.floor(points / cell)
     if scaled.size and max(scaled.max(), -scaled.min()) >= INDEX_LIMIT:
         raise ArrayError(

@@ -28,10 +28,7 @@ def wrap_angle(angle: Angle) -> Angle:
 
 
 def rotation_matrices(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
-    """Rotation matrices Rz(heading) Ry(pitch) Rx(roll), shape (..., 3, 3), of angles of shape (...), rad (D2).
-
-    Each maps sensor axes to map axes.
-    """
+    """Rotation matrices Rz(heading) Ry(pitch) Rx(roll), (..., 3, 3), sensor to map axes, of angles (...), rad (D2)."""
     if isinstance(roll, float) and isinstance(pitch, float) and isinstance(heading, float):
         return np.array(_rows(math.cos, math.sin, roll, pitch, heading))  # ten times as fast
     roll, pitch, heading = np.broadcast_arrays(
@@ -135,10 +132,10 @@ class Pose:
 def interpolate_poses(
     times: NDArray[np.float64], positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], wanted: ArrayLike
 ) -> tuple[NDArray[np.float64], Rotation]:
-    """Positions, shape (n, 3), and n rotations at wanted times, between poses at increasing times, shape (m,), s.
+    """Positions (n, 3) and n rotations at wanted times, between poses at increasing times (m,), s.
 
     Positions are linear, turns take the shortest arc; beyond the ends both go on as between the two poses there. One
-    pose stands at all times. The callers say how large a gap, or how far beyond the ends, is too far.
+    pose stands at all times.
     """
     from scipy.spatial.transform import Rotation
 
@@ -163,10 +160,7 @@ def quaternions_from_angles(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLik
 
 
 def angles_from_quaternions(quaternions_xyzw: ArrayLike) -> NDArray[np.float64]:
-    """Roll, pitch and heading, shape (..., 3), rad, of unit quaternions (x, y, z, w), shape (..., 4).
-
-    Pitch is in [-pi/2, pi/2]. Where it is +-pi/2, roll and heading turn about the same axis: roll is 0 there.
-    """
+    """Roll, pitch and heading, (..., 3), rad, of unit quaternions (x, y, z, w); roll is 0 where pitch is +-pi/2."""
     from scipy.spatial.transform import Rotation
 
     quaternions = np.asarray(quaternions_xyzw, dtype=np.float64)

@@ -18,10 +18,7 @@ LEAST_SHARE = 0.1  # a level has at least this share of the points of the fulles
 
 
 def ground_voxels(cell: float, edge: float = GROUND_EDGE) -> int:
-    """How many voxels of edge `cell` (m) make the edge of a cell of the ground grid, or of one of another `edge` (m).
-
-    A power of two: 8 at 6 cm.
-    """
+    """How many voxels of edge `cell` (m) make the edge of a cell of the ground grid: a power of two, 8 at 6 cm."""
     return int(2 ** min(max(round(math.log2(edge / cell)), 0), TILE_VOXELS.bit_length() - 1))
 
 
@@ -40,10 +37,7 @@ class GroundTile:
         return np.column_stack([x, y]).astype(np.int16), self.heights[level, y, x]
 
     def points(self, edge: float, at: tuple[float, ...] = (0.5, 0.5)) -> NDArray[np.float64]:
-        """Return a point of each height, in the order of `rows`, shape (m, 3), local frame, m.
-
-        `edge`: of a cell, m; `at`: where in the cell it stands along x and y, in edges.
-        """
+        """A point of each height, in the order of `rows`, (n, 3), m; `edge` of a cell, m, `at`: where in it."""
         columns, heights = self.rows()
         return np.column_stack([(columns + np.array(self.key) * self.heights.shape[1] + at) * edge, heights])
 
@@ -78,10 +72,7 @@ def _stack_levels(cells: NDArray[np.integer], heights: NDArray[np.floating], n: 
 def levels_of_points(
     columns: NDArray[np.integer], heights: NDArray[np.floating], n: int, gap: float
 ) -> tuple[NDArray[np.int64], NDArray[np.floating], NDArray[np.int64]]:
-    """Cell y * n + x, median height (m) and number of points of each level of each cell, ascending; as below.
-
-    gap: points that are farther above others of their cell are of the next level, m.
-    """
+    """Cell y * n + x, median height (m) and number of points of each level of each cell, ascending, `gap` (m) apart."""
     cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]
     order = np.lexsort((heights, cells))
     cells, heights = cells[order], heights[order]
@@ -91,12 +82,7 @@ def levels_of_points(
 
 
 def ground_of_points(columns: NDArray[np.integer], heights: NDArray[np.floating], n: int) -> NDArray[np.float32]:
-    """Heights of the ground by (level, y, x), m: the median of the points of each level of each cell.
-
-    columns: shape (m, 2); (x, y) cell of each point in its tile.
-    heights: shape (m,); its height, m.
-    n: cells along an edge of the tile.
-    """
+    """Ground by (level, y, x), m: medians of heights (m,), m, of points in (x, y) cells (m, 2), n along an edge."""
     cells, medians, counts = levels_of_points(columns, heights, n, HEADROOM)
     fullest = np.zeros(n * n, np.int64)
     np.maximum.at(fullest, cells, counts)

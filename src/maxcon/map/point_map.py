@@ -290,11 +290,7 @@ class PointMap:
 def stored_tiles(
     storage: MapStorage, manifest: Manifest, *, cache_bytes: int, left_out: Collection[SurfaceClass] | None = None
 ) -> TileCache[VoxelTile]:
-    """Return the tiles of a map, checked when they are read, behind an LRU cache.
-
-    cache_bytes: size of the tiles that are kept, and of their indices.
-    left_out: voxels of these classes are left out, and tiles have no classes then. Nothing is left out if None.
-    """
+    """Return the tiles of a map, checked when read, in an LRU cache; voxels of classes `left_out` are not in them."""
     from maxcon.map.manifest import CLASSES, REBUILD, TILES
     from maxcon.map.store import Section
 
@@ -334,10 +330,7 @@ def stored_ground(storage: MapStorage, manifest: Manifest) -> TileCache[GroundTi
 
 
 def _merged_tiles(source: TileSource[VoxelTile], factor: int, is_signed: bool) -> TileCache[VoxelTile]:
-    """Return the tiles of a level: voxels `factor` times as large, merged when asked for.
-
-    Numbers of points add up; positions and normals are means, each as often as it has points.
-    """
+    """Return the tiles of a level: counts add up; positions and normals are means, each as often as it has points."""
 
     def merge(key: TileKey) -> VoxelTile:
         from maxcon.map import tile_kernels

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Records of tiles: written into the shards of a map, read from them when asked for and checked, and copied (D10).
 
-A record is what a section of a map keeps of one tile: one message of the Arrow IPC stream format, its buffers
-compressed with LZ4 (docs/map_format.md). Records do not depend on the thread or process that makes them.
+A record is one message of the Arrow IPC stream format, its buffers compressed with LZ4 (docs/map_format.md).
 """
 
 import hashlib
@@ -46,23 +45,15 @@ SHARD_BYTES = 2**27  # largest size of a shard of several records
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a section of a map keeps of one tile.
+    """What a section of a map keeps of one tile."""
 
-    section: "tiles", "ground", or that of others: lower-case letters and underscores.
-    key: the tile's (x, y) index.
-    n_rows, n_points: rows of the record batch, and the map points they stand for; 0 where they stand for none.
-    schema: arrow IPC message of the schema, the same for all records of a section.
-    content: arrow IPC message of the record batch.
-    sha256: of the content.
-    """
-
-    section: str
-    key: TileKey
-    n_rows: int
-    n_points: int
-    schema: bytes
-    content: bytes | memoryview
-    sha256: bytes
+    section: str  # lower-case letters and underscores
+    key: TileKey  # of the tile
+    n_rows: int  # of the record batch
+    n_points: int  # map points that the rows stand for; 0 where they stand for none
+    schema: bytes  # arrow IPC message, the same for all records of a section
+    content: bytes | memoryview  # arrow IPC message of the record batch
+    sha256: bytes  # of the content
 
     @classmethod
     def of(cls, section: str, key: TileKey, columns: list[Any], n_points: int = 0) -> "Record":
@@ -119,10 +110,7 @@ def classes_record(tile: VoxelTile) -> Record:
 
 
 class Section:
-    """The records of one section of a map, read when asked for and checked against their checksums.
-
-    A section that the map does not have has no records. One of other columns than this version knows is a MapError.
-    """
+    """The records of a section, checked when read; none if the map lacks it. MapError if its columns differ."""
 
     def __init__(self, storage: MapStorage, manifest: Manifest, name: str) -> None:
         import pyarrow as pa
@@ -178,14 +166,7 @@ class Section:
 
 
 class MapWriter:
-    """Writes a map into a folder: `put` the records of its tiles, then `finish`.
-
-    The files are the same if records come in the same order, whoever made them. Before `finish` there is no manifest,
-    and the folder is no map: fill it under `atomic_folder`.
-
-    folder: an empty folder.
-    shard_bytes: largest size of a file of several records.
-    """
+    """Writes a map into an empty folder: `put` the records of its tiles, then `finish`; before that it is no map."""
 
     def __init__(self, folder: Path, *, shard_bytes: int = SHARD_BYTES) -> None:
         self._folder = folder
@@ -270,16 +251,10 @@ def copy_map(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Manifest:
-    """Copy a map to a folder, or from a folder to an address; every record is checked. Return its manifest.
+    """Copy a map to a folder, or from a folder to s3://; every record is checked. Return its manifest.
 
     At an address the manifest is written last, so that nobody sees half a map; files of a map that was there before
     stay, for those who are still reading it.
-
-    source, target: a folder, or `s3://bucket/prefix`; a source may be `http://` or `https://` too. One is a folder.
-    overwrite: whether a map that is there is replaced.
-    progress: called with (step, done, of how many).
-
-    FileError if a map is there, or it cannot be written; MapError if a record of the source is not what was written.
     """
     report = progress or (lambda step, done, total: None)
     address, storage = address_of(target), open_storage(source)

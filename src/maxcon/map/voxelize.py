@@ -16,12 +16,7 @@ MOST_LAYERS = 16_384
 def voxelize(
     points: NDArray[np.float64], normals: NDArray[np.float64], cell: float, *, is_signed: bool
 ) -> dict[TileKey, VoxelTile]:
-    """Gather points into voxels of edge `cell`, with a count, a mean unit normal and a mean point (D4), and into tiles.
-
-    points, normals: shape (n, 3); local frame, m; unit normals, zeros for none.
-    cell: voxel edge, m.
-    is_signed: whether normals are turned to the sensor's side; otherwise n and -n mean the same.
-    """
+    """Gather points (n, 3), m, into voxels of edge `cell` (m) with count, mean unit normal and mean point (D4)."""
     of_points = voxel_indices(points, cell)
     indices, voxel, counts = _unique_rows(of_points)
     if not is_signed:

@@ -30,10 +30,7 @@ STEPS = 3  # points along an axis of the surface in a voxel, 2 cm apart at 6 cm:
 
 
 class MovedMap(CloudReader):
-    """The surfaces of a map, moved, as a cloud: points with normals, and those of the ground with its class.
-
-    What is gone in an updated map is left out.
-    """
+    """The surfaces of a map, moved, as a cloud with normals, ground as its own class; what is gone is left out."""
 
     def __init__(self, path: str | os.PathLike[str], moved: Georeference) -> None:
         super().__init__()
@@ -64,10 +61,7 @@ class MovedMap(CloudReader):
 
 
 def surface_points(tile: VoxelTile, cell: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points on the surface in each voxel of a tile, and its normals, both shape (n, 3), local frame, m.
-
-    The surface is the plane through the voxel's mean, as far as it lies in the voxel; the mean alone without a normal.
-    """
+    """Points on the plane in each voxel, its mean alone without a normal, and their normals, both (n, 3), m."""
     means, normals = tile.mean_points(cell), tile.normals.astype(np.float64)
     corners = tile.voxels * cell
     steepest = np.argmax(np.abs(normals), axis=1)
@@ -91,10 +85,7 @@ def move_map(
     path: str | os.PathLike[str], moved: Georeference, crs: str, out: str | os.PathLike[str], *,
     overwrite: bool = False, progress: Progress | None = None,
 ) -> Manifest:  # fmt: skip
-    """Write a map where a georeference puts it, in a CRS; its sigma is that of the map and of the georeference.
-
-    Errors as of `build_map`; MapError if `out` is the map itself.
-    """
+    """Write a map where a georeference puts it, in a CRS; its sigma is that of the map and of the georeference."""
     if Path(path).resolve() == Path(out).resolve():
         raise MapError(f"Expected another folder than the map itself, got {out}. Name another.")
     source = MovedMap(path, moved)

@@ -32,16 +32,10 @@ AS_PLACED = "scans-as-placed"
 
 
 class PlacedScans(CloudReader):
-    """Scans of a drive as one cloud, each where its pose puts it; its points have the time of their scan.
+    """Scans of a drive as one cloud, each where its pose (T_map_sensor) puts it, with the time of the scan.
 
-    - scans: deskewed, or of a sensor that stands.
-    - poses: T_map_sensor at the times of the scans, interpolated where they are at most 0.5 s apart.
-    - path: where the scans come from, for messages and the manifest.
-    - min_range, max_range: points nearer or farther than this are left out, m.
-    - margin: a pose must be known so long before and after a scan, too, s: it is to be deskewed by them.
-    - poses_path: where the poses come from, for the manifest.
-
-    Scans at whose time no pose is known are left out; TrajectoryError if that is so at all of them.
+    Scans without a pose, for which one must be known `margin` (s) before and after, too, are left out;
+    TrajectoryError if all are.
     """
 
     def __init__(
@@ -100,13 +94,7 @@ def map_of_drive(
     overwrite: bool = False, n_threads: int | None = None, engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> Manifest:  # fmt: skip
-    """Build a map of the scans of a drive; what later rays went through is gone, as `update_map` says it.
-
-    - placed: the scans.
-    - keep_moving: whether what rays went through stays.
-    - options: with `classify` "off" the ground stays in the map; `trajectory` is that of the scans.
-    - out, overwrite, n_threads, engine, progress, and errors: as of `build_map`.
-    """
+    """Build a map of the scans of a drive, as `build_map`; what later rays went through is gone, or stays."""
     options = replace(options or MapOptions(), trajectory=placed.trajectory)
     if options.to_crs is not None:
         raise OptionError("Expected poses in the CRS of the map, got --to-crs with scans. Leave it out; see --crs.")

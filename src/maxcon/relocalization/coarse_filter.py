@@ -56,10 +56,7 @@ class CoarseScan:
 
     @classmethod
     def of(cls, scan: Scan, T_ground_sensor: Pose) -> "CoarseScan":
-        """Align a scan with its ground plane; points far off, on the ground or above `HIGHEST` are left out.
-
-        Points come from the lowest to the highest, so that what is read of a map lies together.
-        """
+        """Align a scan with its ground plane, the lowest points first; not those far off, or on the ground."""
         aligned = upright(scan, T_ground_sensor)
         points = aligned.points
         away = np.hypot(points[:, 0], points[:, 1])
@@ -157,10 +154,9 @@ def in_order(cells: Nodes, counts: Counts) -> NDArray[np.intp]:
 
 
 def counts_of_region(scan: CoarseScan, regions: Regions, key: TileKey) -> NDArray[np.int32]:
-    """Points that match at each heading and cell of a region, shape (headings, REGION, REGION).
+    """Points that match at each heading and cell, (headings, REGION, REGION); -1 where no scanner may stand.
 
-    Cells in which no scanner may stand have -1. A point matches where the voxel that it falls in has its orientation
-    bin. The scanner stands in the middle of the cell.
+    A point matches where the voxel that it falls in has its orientation bin; the scanner is in the middle of the cell.
     """
     turned, voxels = scan.turned(HEADINGS, regions.map.cell), regions.map.region(key).bins
     counts = np.zeros((len(HEADINGS), REGION, REGION), np.int32)
@@ -186,12 +182,11 @@ def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> CountedCells:
 
 
 def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> CountedCells:
-    """Find every cell whose count reaches a ratio (above 0 to 1) of the highest one: the same as `count_all` finds.
+    """Find every cell whose count reaches a ratio of the highest one, as `count_all` does, at most `MOST_KEPT`.
 
-    In each region, the bound of a block of 4 x 4 cells counts every point that matches at any cell of the block. Blocks
-    that may reach the ratio of the best count so far, of all regions, are split into squares of 2 x 2 cells, the
-    highest bound first, and these into cells. Threads share headings and squares; what is found does not depend on
-    their number (D8). At most the `MOST_KEPT` highest cells are found; then `left_out` says how high others may count.
+    The bound of a block of 4 x 4 cells counts points that match at any of them. Blocks that may reach the ratio of the
+    best count so far are split into squares, the highest bound first, and these into cells. Threads share headings and
+    squares, and do not change what is found (D8).
     """
     with ThreadPoolExecutor(n_threads) as pool:
         search = _Filter(regions, scan.turned(HEADINGS, regions.map.cell), ratio, pool, n_threads)
@@ -295,10 +290,7 @@ def _count_parts(grid: NDArray[np.uint8], turned: TurnedScan, nodes: Nodes, step
 
 
 def recount(scan: CoarseScan, candidates: CountedCells, half: CoarseMap) -> CountedCells:
-    """Count the cells around large ones once more, in voxels of half the edge, by a scan of more points.
-
-    Returns for each candidate the best cell around it, the first in index order; the highest count first.
-    """
+    """Return the best cell around each large one, counted in voxels of half the edge, by a scan of more points."""
     squares = (2 * candidates.cells + [0, 1, 1])[:, None, :] + SQUARES
     squares[..., 0] %= len(HALF_HEADINGS)
     used, heading = np.unique(squares[..., 0], return_inverse=True)

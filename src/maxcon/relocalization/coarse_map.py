@@ -1,10 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The map in large voxels at their height above the ground, and the cells in which a scanner may stand.
-
-With heights above the ground a scan needs no height to be compared with the map. A voxel keeps no normals, but which
-orientation bins they are in.
-"""
+"""The map in large voxels with heights above ground and orientation bins, and cells where a scanner may stand."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -112,10 +108,7 @@ def blocks_of(is_allowed: NDArray[np.bool_]) -> NDArray[np.uint64]:
 
 
 class CoarseMap:
-    """A level of a map with heights above the ground, tile by tile and region by region; those used last are kept.
-
-    `cell`: edge of its voxels, and of cells, m, of which the nearest level is taken. MapError without ground.
-    """
+    """A level of a map with heights above the ground; tiles and regions used last are kept. MapError without ground."""
 
     def __init__(self, point_map: PointMap, cell: float) -> None:
         if not point_map.has_ground:
@@ -194,10 +187,7 @@ def _bins_of_voxels(normals: NDArray[np.float32], *, is_signed: bool) -> NDArray
 
 
 def _filled(patch: "GroundPatch") -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """The lowest level of a patch of ground, that of the nearest cell where there is none, and how far that is, m.
-
-    Where a patch has no ground at all, heights are NaN and infinitely far.
-    """
+    """Lowest level of a patch of ground, that of the nearest cell where there is none, and how far that is, m."""
     from scipy.ndimage import distance_transform_edt
 
     heights = patch.heights[0]

@@ -23,16 +23,10 @@ from maxcon.geometry.pose import Pose
 def estimate_scan_normals(
     points: NDArray[np.float64], is_asked: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
-    """Unit normals of a scan's points, turned to the sensor.
+    """Unit normals (n, 3) of a scan's points (n, 3), m, sensor frame, turned to the sensor; zeros where none is found.
 
-    points: shape (n, 3); sensor frame, m, in any order, finite; the sensor is at (0, 0, 0).
-    is_asked: shape (n,); for which points; all if None. Each normal is the same whichever others are asked for.
-    Returns shape (n, 3); sensor frame; zeros where the neighbours are too few, lie on one ring or on no plane (bushes,
-        edges). Points of the ground mostly have none: seen at a flat angle, its rings lie too far apart.
-
-    Windows reach at most 6.9 degrees above and below a point, rounded up to whole cells of a grid: neighbours lie
-    at most 10.5 degrees above or below it. Points nearer than 1.25 m have no normals: 15 cm are more than 6.9
-    degrees there. The same points in another order have the same normals, to the last bit.
+    Only those asked for (n,) are estimated. Windows reach 6.9 degrees above and below a point: nearer than 1.25 m there
+    are none. The same points in another order have the same normals, to the last bit.
     """
     from maxcon.scan.normal_kernels import scan_planes
     from maxcon.scan.window_kernels import azimuths_of, elevations_of, extremes
@@ -50,14 +44,10 @@ def estimate_scan_normals(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Viewpoints:
-    """Where the points of an epoch were measured from, by several scanners of one vehicle.
+    """Where the points of an epoch were measured from, by several scanners of one vehicle."""
 
-    scanners: shape (n,), int; index into `poses`: which scanner each point comes from; an ArrayError if it is outside.
-    poses: T_vehicle_sensor of each scanner.
-    """
-
-    scanners: NDArray[np.int64]
-    poses: tuple[Pose, ...]
+    scanners: NDArray[np.int64]  # (n,): index into `poses`: which scanner each point comes from
+    poses: tuple[Pose, ...]  # T_vehicle_sensor of each scanner
 
     def __post_init__(self) -> None:
         if len(self.scanners) and not 0 <= self.scanners.min() <= self.scanners.max() < len(self.poses):
@@ -67,11 +57,7 @@ class Viewpoints:
             )
 
     def normals(self, points: NDArray[np.float64], is_asked: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
-        """Return unit normals, shape (n, 3), of points, shape (n, 3), m, both in the vehicle's frame.
-
-        They are estimated for each scanner by itself and turned to it: a point's neighbours lie on rings around its own
-        scanner, and rings of two scanners cross. Zeros where the neighbours do not determine a plane.
-        """
+        """Return unit normals, (n, 3), of points, (n, 3), m, in the vehicle's frame, for each scanner by itself."""
         normals = np.zeros_like(points)
         for number, pose in enumerate(self.poses):
             rows = np.flatnonzero(self.scanners == number)

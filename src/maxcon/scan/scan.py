@@ -146,17 +146,11 @@ class Scan:
 def one_per_cube(
     points: NDArray[np.float64], normals: NDArray[np.float64], edge: float, *, by_lot: bool = False
 ) -> NDArray[np.int64]:
-    """Indices, ascending, of one of the points in each cube of a grid with a corner at (0, 0, 0).
+    """Indices, ascending, of one of the points (n, 3), m, in each cube of an edge (m), whatever their order.
 
-    A point with a normal is preferred to one without, then the nearest to the middle of the cube, then the one of the
-    smallest x, y, z: which points are kept does not depend on the order they come in.
-
-    points, normals: shape (n, 3); m, any frame; unit normals, zeros for none.
-    edge: of a cube, m, above 0.
-    by_lot: whether a hash of the coordinates draws the point, and not the distance from the middle, which prefers the
-        side of a noisy surface on which the middle lies, and so moves a pose by millimetres. The grid is then turned
-        against the axes: else, where a wall runs along the sides of cubes, its few stray points beyond them would fill
-        as many cubes as all others, and weigh as much.
+    A point with a normal comes first, then the nearest to the middle; or, `by_lot`, one drawn by a hash of coordinates:
+    the nearest prefers a side of a noisy surface, and so moves a pose by millimetres. The grid is turned then: where a
+    wall runs along the sides of cubes, a few stray points beyond them would weigh as much as all others.
     """
     from maxcon.scan import thinning_kernels
 

@@ -36,11 +36,7 @@ def first_fault(
     quaternions_xyzw: NDArray[np.float64],
     covariances: NDArray[np.float64] | None = None,
 ) -> TrajectoryFault | None:
-    """Return the first row whose time, position, quaternion or covariance cannot be used, or None if all can.
-
-    times, shape (n,), s; positions, shape (n, 3), m; quaternions_xyzw, shape (n, 4), not yet normalized; covariances,
-    shape (n, 3, 3), of x, y and heading, NaN where not known.
-    """
+    """Return the first row that cannot be used, with why, or None; covariances (n, 3, 3) are NaN where not known."""
     lengths = np.hypot.reduce(quaternions_xyzw, axis=1)
     is_finite = np.isfinite(times) & np.isfinite(positions).all(axis=1) & np.isfinite(lengths)
     is_later = np.ones(len(times), dtype=bool)

@@ -125,20 +125,14 @@ def pair_residuals(constraints: Sequence[Constraint], adjusted: Adjusted) -> lis
 
 
 def remaining_sigmas(constraints: Sequence[Constraint], adjusted: Adjusted) -> tuple[float, float]:
-    """Standard deviations of one pass's position relative to the others, along a horizontal axis, m: before and after.
-
-    From the median difference of pairs: wrong matches hardly change a median.
-    """
+    """Sigmas of one pass's position relative to the others, horizontally, m, before and after, from medians."""
     used = np.flatnonzero(~is_contradicted(adjusted.weights)).tolist()
     (before, _), (after, _), *_ = _apart(constraints, adjusted, used)
     return before / (NORMAL_MEDIAN * math.sqrt(2.0)), after / (NORMAL_MEDIAN * math.sqrt(2.0))
 
 
 def _apart(constraints: Sequence[Constraint], adjusted: Adjusted, rows: Iterable[int]) -> list[tuple[float, float]]:
-    """Median and 95 % of how far visits lie apart, m; NaN without any: horizontally before and after, then in height.
-
-    Horizontally along those directions that each constraint determines.
-    """
+    """Median and 95 % of how far visits lie apart, m, NaN without any: horizontal before and after, then heights."""
     horizontal, heights = [np.empty((0, 2))], [np.empty((0, 2))]
     for row in rows:
         covariance = constraints[row].covariance
@@ -224,11 +218,7 @@ def files_there(folder: str | os.PathLike[str]) -> tuple[str, ...]:
 
 
 def write_tables(folder: Path, alignment: Alignment, summary: dict[str, object], files: Sequence[str]) -> None:
-    """Write all tables of an alignment; lengths in m, angles in degrees.
-
-    `summary`: options; `files`: names of the corrected clouds and trajectories: what replaces the alignment replaces
-    them, too.
-    """
+    """Write all tables, and the names of corrected `files`, which go when another alignment replaces this one."""
     for name, table in zip(TABLES[1:], (_passes, _pairs, _constraints, _corrections), strict=True):
         with (folder / name).open("w", encoding="utf-8", newline="") as stream:
             rows = ([_cell(value) for value in row] for row in table(alignment))

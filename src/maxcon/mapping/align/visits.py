@@ -161,9 +161,7 @@ class Constraint(NamedTuple):
 
 
 def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], corrections: Corrections) -> list[Constraint]:
-    """Match the visits to a place, by pass and time, with each other; each starts from where the corrections put it.
-
-    `middle` (3,): of the place, global, m.
+    """Match the visits to a place, whose middle is global, m, with each other, from where the corrections put them.
 
     k visits have k (k - 1) / 2 pairs, but only k - 1 independent differences: covariances are made k / 2 times as
     large, so that all pairs together weigh as much as the independent ones.

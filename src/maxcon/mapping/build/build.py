@@ -47,20 +47,10 @@ def build_map(
     options: MapOptions | None = None, *, overwrite: bool = False, n_threads: int | None = None,
     engine: Engine | None = None, progress: Progress | None = None,
 ) -> Manifest:  # fmt: skip
-    """Build a map on disk; memory is bounded by the tiles, not by the sources.
+    """Build a map on disk of clouds, files or readers; memory is bounded by the tiles, not by the sources.
 
-    - sources: point clouds of any kind that `open_cloud` reads, or readers of others.
-    - out: folder of the map; it appears when all is done.
-    - options: how it is made of its points; the defaults if None.
-    - overwrite: whether a map that is there is replaced; anything else there is an error.
-    - n_threads: tiles made at the same time in this process; the number of processors, but at most 4, if None, and one
-      where tiles have few points. Each takes about 0.25 GiB. The map does not depend on it.
-    - engine: whose workers make the tiles instead, or one thread if it has no other than this process; the map does not
-      depend on it. They find points and voxels in files beside `out`, which has the same path for all.
-    - progress: called with (step, done, of how many).
-
-    FileError, CrsError, OptionError, TrajectoryError or MapError if a source, an option or their combination cannot be
-    used, or `out` cannot be written.
+    `n_threads` tiles, of 0.25 GiB each, are made at the same time (at most 4 if None, one where tiles have few points),
+    or by the workers of `engine`, who find points in files beside `out`. The map does not depend on either.
     """
     options = options or MapOptions()
     report = progress or (lambda step, done, total: None)
@@ -131,10 +121,7 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
 
 
 def _origin(sources: Sequence[Source], options: MapOptions) -> tuple[float, float, float]:
-    """Return the origin of the local frame: a tile's corner near the points, whatever the order of the sources.
-
-    Origins are whole tiles apart, so that maps of one cell edge share their voxels.
-    """
+    """Return the origin of the local frame: whole tiles apart, so that maps of one cell edge share their voxels."""
     edge = TILE_VOXELS * options.edge
     lowest = np.min([source.first_point() for source in sources], axis=0)
     if options.area is not None:

@@ -46,9 +46,7 @@ def map_sigma(
 ) -> tuple[float, dict[str, object]]:
     """Return the standard deviation of a map's position along any axis, m, and where it is from, for the manifest.
 
-    `given`: from the options, taken as it is; `sample`: points with times, from which it is estimated otherwise;
-    `aligned`: from `maxcon map align`, m: aligned passes differ less than they are wrong by, so that an estimate below
-    it is not believed. Estimates are rounded to 0.1 mm; `UNKNOWN_SIGMA` where there are not enough passes.
+    Aligned passes differ less than they are wrong by: an estimate below that of `maxcon map align` is not believed.
     """
     if given is not None:
         return float(given), {"from": "given"}
@@ -89,10 +87,7 @@ def aligned_sigma(files: Iterable[Path]) -> float | None:
 
 
 class PlaceSample:
-    """All points of an even sample of places, with their times; memory does not grow with the input.
-
-    While there are more than `most_points`, every other place is left out, whatever the order of points and files.
-    """
+    """All points, with times, of an even sample of places: every other place goes while there are too many."""
 
     def __init__(self, most_points: int = MOST_POINTS) -> None:
         self._most_points = most_points
@@ -122,10 +117,7 @@ class PlaceSample:
 
 
 def place_keys(points: NDArray[np.float64]) -> NDArray[np.uint64]:
-    """Number the cube that each point, (n, 3), m, is in, as if by chance: those that end in many zeros are a sample.
-
-    Cubes 2^21 edges apart along an axis share their number.
-    """
+    """Number the cube that each point, (n, 3), m, is in, as if by chance: those that end in many zeros are a sample."""
     x, y, z = (np.floor(points / PLACE_EDGE).astype(np.int64) & (2**21 - 1)).T.astype(np.uint64)
     keys = (x << np.uint64(42)) | (y << np.uint64(21)) | z
     for shift, factor in MIX:
@@ -158,11 +150,7 @@ class PassDifferences(NamedTuple):
 
 
 def compare_passes(records: NDArray[np.void]) -> PassDifferences:
-    """Find how far passes differ across the planes that several of them saw, from points (`PLACE_POINT`) in order.
-
-    Two offsets of passes with independent errors of standard deviation s along any axis differ by sqrt(2) s, and by
-    the noise of the points, which is known and subtracted.
-    """
+    """Find how far passes differ across planes that several saw: two of sigma s by sqrt(2) s, and by noise."""
     is_new_place = np.diff(records["place"], prepend=~records["place"][:1]) != 0
     is_new_pass = is_new_place | (np.diff(records["time"], prepend=-np.inf) > LEAST_PAUSE)
     starts = np.flatnonzero(is_new_pass)
@@ -197,10 +185,7 @@ def compare_passes(records: NDArray[np.void]) -> PassDifferences:
 def _planes(
     points: NDArray[np.float64], n_points: NDArray[np.int64], places: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Fit a plane to every place, with one normal for all passes and an offset for each.
-
-    Return for each pass at a place its offset (m), the variance of that from noise (m^2), and whether it is a plane.
-    """
+    """Offset (m) from one plane per place, its variance from noise (m^2), and whether it is a plane, of each pass."""
     counts, rows = n_points.astype(np.float64), np.cumsum(n_points) - n_points
     means = np.add.reduceat(points, rows, axis=0) / counts[:, None]
     centred = points - np.repeat(means, n_points, axis=0)
@@ -223,9 +208,8 @@ def _planes(
 def _variance(differences: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
     """Variance of differences (m) less that of their noise (m^2), without those of things that changed, m^2.
 
-    The median gives the scale; of the differences within three of it the mean square is taken. Two passes d apart are
-    both within `LARGEST_OFFSET` of a cube's middle the less often the larger d is, and count the more for it. Beyond
-    0.9 of the most that can be seen there is nothing to weigh.
+    Two passes d apart are both within `LARGEST_OFFSET` of a cube's middle the less often the larger d is, and count
+    the more for it. Beyond 0.9 of the most that can be seen there is nothing to weigh.
     """
     sizes, largest = np.abs(differences), 2.0 * LARGEST_OFFSET
     is_usual = sizes <= min(OUTLIER * float(np.median(sizes)) / NORMAL_MEDIAN, 0.9 * largest)

@@ -43,10 +43,7 @@ def class_name(number: int) -> str:
 
 
 def found_ratios(n_points: Mapping[str, int], dropped: Collection[int]) -> list[tuple[str, float]]:
-    """Ratios of the points found to be ground, vegetation and temporary, and of those kept in the map.
-
-    `n_points`: points by class number, as text; `dropped`: the classes that are left out of the map.
-    """
+    """Ratios of the points found to be ground, vegetation and temporary, and of those kept, from numbers by class."""
     numbers = {int(number): n for number, n in n_points.items()}
     groups = {name: CLASS_NAMES[name] for name in ("ground", "vegetation")}
     groups |= {"temporary": CLASS_NAMES["temporal-exclusion"], "kept": tuple(numbers.keys() - set(dropped))}
@@ -55,11 +52,7 @@ def found_ratios(n_points: Mapping[str, int], dropped: Collection[int]) -> list[
 
 
 def parse_classes(names: Iterable[str], vehicle_classes: Iterable[int] = ()) -> frozenset[int]:
-    """Return the numbers of classes, and those of vehicles; OptionError if one is unknown.
-
-    `names`: names such as "vegetation", or numbers from 0 to 255 as text; `vehicle_classes`: numbers that mean
-    vehicles, which "vehicle" stands for.
-    """
+    """Return the numbers of classes, named or as text; "vehicle" stands for `vehicle_classes`; or OptionError."""
     vehicles = frozenset(vehicle_classes)
     known = CLASS_NAMES | {str(number): (number,) for number in range(256)}
     if vehicles:

@@ -26,18 +26,12 @@ MOST_TILES, MOST_POINTS, MOST_SQUARES_APART = 64, 100_000, 64
 
 @dataclass(frozen=True, slots=True)
 class PointSpacing:
-    """Distances of map points to the nearest other one.
+    """Distances of map points to the nearest other one."""
 
-    - median: m.
-    - at_90: the distance that 90 % of the points keep, m; at most `MARGIN`, which stands for anything farther.
-    - n_points: of how many points.
-    - is_of_scans: whether they are scans of a drive: between their rings they lie farther apart than these tell.
-    """
-
-    median: float
-    at_90: float
-    n_points: int
-    is_of_scans: bool = False
+    median: float  # m
+    at_90: float  # the distance that 90 % of the points keep, m; `MARGIN` stands for anything farther
+    n_points: int  # of how many points
+    is_of_scans: bool = False  # scans of a drive: between their rings points lie farther apart than these tell
 
     @property
     def cell(self) -> float:
@@ -52,10 +46,7 @@ class PointSpacing:
 
 
 def point_spacing(points: TileBuckets, cell: float, *, are_scans: bool = False) -> PointSpacing | None:
-    """Measure the spacing of points that are sorted into tiles of voxels of this edge (m); None if it cannot be told.
-
-    All points of a sample of squares are looked at, in tiles evenly over the map; each stands for as many as are not.
-    """
+    """Measure the spacing of points sorted into tiles of voxels of this edge (m); None if it cannot be told."""
     keys, distances, weights = points.keys, list[NDArray[np.float64]](), list[NDArray[np.int64]]()
     for number in np.unique(np.linspace(0, len(keys) - 1, MOST_TILES).astype(int)):
         sample, every = _sample_of_tile(points, keys[number], cell)
@@ -89,11 +80,7 @@ def _is_in_sample(points: NDArray[np.float64], every: int) -> NDArray[np.bool_]:
 
 
 def nearest_distances(points: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
-    """Distance to the nearest other one, at most `MARGIN`, of each of the points that is `MARGIN` inside of its square.
-
-    points: shape (n, 3), from the corner of their tile, m; of squares that are whole, or there not at all.
-    edge: of the tile, m; squares that it cuts do not count.
-    """
+    """Distance to the nearest other one, at most `MARGIN`, of each point (n, 3), m, so far inside of its square."""
     from scipy.spatial import cKDTree
 
     inside = points[:, :2] % SQUARE

@@ -110,11 +110,7 @@ class TileJob:
 
 
 class TileMaker:
-    """Makes tiles of sorted points: `gather` all, `find_classes` of all if the job drops some, then `make` any.
-
-    `points`, `observations`: of `POINT` and of `OBSERVATION`; `memory_bytes`: size of the arrays kept in
-    memory; with 0 every step may be done by another process.
-    """
+    """Makes tiles of sorted points: `gather` all, `find_classes` of all if the job drops some, then `make` any."""
 
     def __init__(self, job: TileJob, points: TileBuckets, observations: TileBuckets, *, memory_bytes: int = 0) -> None:
         self._job, self._points, self._observations = job, points, observations

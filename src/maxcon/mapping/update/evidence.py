@@ -82,13 +82,7 @@ def is_miss(
     least_cosine: float,
     reach: float,
 ) -> NDArray[np.bool_]:
-    """Whether a ray missed each of the voxels: it saw through the surface there.
-
-    `origin`, `end` (3,): where the sensor was and where the ray ended, local frame, m; `voxels` (n, 3): indices;
-    `means`, `normals` (n, 3): of the points of each, local frame, m; unit normal, or zeros; `cell`: voxel edge, m;
-    `margin`: how far behind a surface the end must lie, m; `least_cosine`: of the angle between ray and normal;
-    `reach`: voxels farther along the ray are not judged, m.
-    """
+    """Whether a ray missed each of the voxels: it saw through the surface there. Lengths in m; see `ray_kernels`."""
     length = float(np.sqrt(((end - origin) ** 2).sum()))
     if length == 0.0:
         return np.zeros(len(voxels), bool)
@@ -163,10 +157,7 @@ class SurfaceFiles:
 
 
 class SurfacesInReach:
-    """Several tiles in one table, as the kernels take them; their evidence is copied.
-
-    table, arrays: as of `ray_kernels`, of all voxels, tile after tile.
-    """
+    """Several tiles in one table, as the kernels take them; their evidence is copied."""
 
     def __init__(self, surfaces: Sequence[Surfaces]) -> None:
         tiles = [each.tile for each in surfaces]
@@ -260,11 +251,10 @@ def _stretches(
 def _sort_unknown_points(
     ends: NDArray[np.float64], pose: Pose, point_map: PointMap, options: UpdateOptions, buckets: TileBuckets
 ) -> None:
-    """Keep the ends of rays that lie near no surface of the map, above the ground, and in front of a known surface.
+    """Keep the ends of rays near no surface of the map, above the ground, and in front of a known surface.
 
     The last condition tells a new object from surroundings that the map does not cover, such as the end of a side
-    street or a house seen through a gap: only behind the new object does the map go on. The points go into `buckets`
-    with the directions to the sensor (`POINT`).
+    street or a house seen through a gap: only behind the new object does the map go on.
     """
     from maxcon.mapping.update.ray_kernels import are_far_from_voxels, hide_known_surfaces
 

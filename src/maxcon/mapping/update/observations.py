@@ -80,11 +80,7 @@ class UpdateOptions:
     def margins(
         self, sigma_position: float | None, sigma_angle: float | None, sigma_map: float, distances: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """How far behind a surface rays must end to be a miss of it, m.
-
-        `sigma_position` (m), `sigma_angle` (rad): of the pose, those of the options if None; `sigma_map`: of the map's
-        surfaces, m; `distances` (n,): how far from the sensor the rays ended, m.
-        """
+        """How far behind a surface rays (n,) must end to be a miss of it, m; sigmas are the options' if None."""
         position = self.sigma_position if sigma_position is None else sigma_position
         angle = math.radians(self.sigma_angle_deg) if sigma_angle is None else sigma_angle
         variances = self.sigma_range**2 + position**2 + sigma_map**2 + (angle * distances) ** 2

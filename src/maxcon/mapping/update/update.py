@@ -47,18 +47,8 @@ def update_map(
 ) -> Manifest:  # fmt: skip
     """Write the next version of a map; the map itself is not touched, and nothing that was measured is deleted.
 
-    Memory is bounded by the tiles in reach of a few observations, not by the drives.
-
-    - parent: the map.
-    - drives: scans that were localized in it, or in an earlier version of it.
-    - out: folder of the new version; it appears when all is done.
-    - options: what counts as evidence, and when a surface is gone or new; the defaults if None.
-    - overwrite: whether a map that is at `out` is replaced; anything else there is an error, and so is the map itself.
-    - progress: called with (step, done, of how many).
-
-    The manifest returned names the parent by checksum, and the drives, under `updates` of its `build`. OptionError,
-    MapError or FileError if `out` is the map itself, there is no drive, or one is named twice, or comes nowhere near
-    the map; or if the map or a scan cannot be read, or `out` cannot be written.
+    Memory is bounded by the tiles in reach of a few observations. The manifest returned names the parent by checksum,
+    and the drives, under `updates` of its `build`.
     """
     options, report = options or UpdateOptions(), progress or (lambda step, done, total: None)
     if not drives or Path(out).resolve() == Path(parent).resolve():
