@@ -168,7 +168,7 @@ def build(
     from maxcon.io.trajectories import read_trajectory
     from maxcon.map.storage import address_of
     from maxcon.mapping.build import Area, MapOptions, build_map
-    from maxcon.mapping.placed_scans import map_of_drive
+    from maxcon.mapping.derived_maps import map_of_drive
 
     if address := address_of(output.out):
         raise OptionError(

@@ -92,10 +92,6 @@ def _scalar_first(prior: Pose) -> Pose:
     return replace(prior, roll=roll, pitch=pitch, heading=heading)
 
 
-def _of_compass(prior: Pose) -> Pose:
-    return replace(prior, heading=math.pi / 2.0 - prior.heading)
-
-
 def _angles_in(unit: str, factor: float) -> Alternative:
     words = f"the angles of the prior in {unit}"
     return Alternative(words, lambda prior: Pose(*prior.position.tolist(), *(factor * prior.values[3:]).tolist()))
@@ -133,7 +129,10 @@ ALTERNATIVES = (
     _turn("turned by 180 degrees", 0.0, 180.0),
     _turn("upside down", 180.0, 0.0),
     _turn("upside down and turned by 180 degrees", 180.0, 180.0),
-    Alternative("the headings of the prior those of a compass: a heading is 90 degrees less a bearing", _of_compass),
+    Alternative(
+        "the headings of the prior those of a compass: a heading is 90 degrees less a bearing",
+        lambda prior: replace(prior, heading=math.pi / 2.0 - prior.heading),
+    ),
     _angles_in("degrees: name their columns roll_deg, pitch_deg, heading_deg", math.pi / 180.0),
     _angles_in("radians: name their columns roll, pitch, heading", 180.0 / math.pi),
     MIRRORED,

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """A drive, epoch after epoch: localized from priors of a trajectory, tracked, or found in the whole map without any."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -88,7 +86,7 @@ class EpochEstimate:
     reason: str = ""
     crs: str = ""
 
-    def without_points(self) -> EpochEstimate:
+    def without_points(self) -> "EpochEstimate":
         """Return the same answer without the points, to keep over a long drive."""
         nothing = np.empty((0, 3))
         return replace(
@@ -104,20 +102,15 @@ def localize_drive(
 ) -> Iterator[EpochEstimate]:  # fmt: skip
     """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
 
-    - point_map: the map.
-    - scans: the scans; as many as threads are in memory at a time, and one more.
+    - scans: as many as threads are in memory at a time, and one more.
     - prior: T_map_sensor before localization, global coordinates in the CRS of the map.
-    - method: how each is localized.
-    - options: range limits and the largest gap of the prior.
     - first: number of the epoch to begin with.
     - n_threads: epochs localized at the same time; the answers and their order do not depend on it (D8). Each then
       takes longer than by itself.
 
     TrajectoryError if the prior has no pose for any scan; MapError if the prior lies outside the map at every scan, or
-    a tile cannot be read; OptionError if there is less than one thread.
-
-    A scan that cannot be read, or whose prior cannot be searched around, is an epoch with a status and the reason, and
-    the drive goes on.
+    a tile cannot be read; OptionError if there is less than one thread. A scan that cannot be read, or whose prior
+    cannot be searched around, is an epoch with a status and the reason, and the drive goes on.
     """
     if n_threads < 1:
         raise OptionError(f"Expected `n_threads` >= 1, got {n_threads}. The default is 1.")
@@ -126,13 +119,9 @@ def localize_drive(
 
 
 def track_drive(
-    point_map: PointMap,
-    scans: Scans,
-    prior: Trajectory,
-    tracker: Tracker,
-    odometry: Trajectory | None = None,
+    point_map: PointMap, scans: Scans, prior: Trajectory, tracker: "Tracker", odometry: Trajectory | None = None,
     options: DriveOptions | None = None,
-) -> Iterator[EpochEstimate]:
+) -> Iterator[EpochEstimate]:  # fmt: skip
     """Return an iterator over the estimates of all scans, each searched where the one before and the motion allow.
 
     `prior` may have gaps: it begins a track, and tells a wrong one. Motion is that of `odometry`, T_odometry_sensor in
@@ -152,7 +141,7 @@ def track_drive(
 
 
 def tracked_epoch(
-    point_map: PointMap, tracker: Tracker, epoch: int, read: Read, own: Pose | None, motion: Motion | None
+    point_map: PointMap, tracker: "Tracker", epoch: int, read: Read, own: Pose | None, motion: Motion | None
 ) -> EpochEstimate:
     """Return a tracker's answer for a scan of `read_epoch`, its `own` prior (local frame) and its motion, if known."""
     if motion is not None:
@@ -184,7 +173,7 @@ def _motions(times: Sequence[float], poses: Sequence[Pose | None]) -> list[Motio
 
 
 def relocalize_drive(
-    scans: Scans, relocalizer: Relocalizer, options: DriveOptions | None = None, *, first: int = 0
+    scans: Scans, relocalizer: "Relocalizer", options: DriveOptions | None = None, *, first: int = 0
 ) -> Iterator[EpochEstimate]:
     """Return an iterator over the estimates of all scans without a prior; MapError if a scanner may stand nowhere."""
     options = options or DriveOptions()
@@ -212,7 +201,7 @@ class Drive:
     priors: list[Pose | None]
 
     @classmethod
-    def of(cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions) -> Drive:
+    def of(cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions) -> "Drive":
         """Return a drive with its priors found; errors as of `localize_drive`."""
         return cls(point_map, scans, prior, method, options, _priors_of_scans(point_map, scans, prior, options))
 
@@ -250,13 +239,9 @@ class Drive:
 
 
 def _answered(
-    epoch: int,
-    read: Read,
-    prior: Pose | None,
-    point_map: PointMap,
-    refused: Callable[[Scan], tuple[Status | None, str]],
-    localize: Callable[[Scan], Estimate | None],
-) -> EpochEstimate:
+    epoch: int, read: Read, prior: Pose | None, point_map: PointMap,
+    refused: Callable[[Scan], tuple[Status | None, str]], localize: Callable[[Scan], Estimate | None],
+) -> EpochEstimate:  # fmt: skip
     """Return the timed answer for a scan of `read_epoch`; numbers that no map can hold get a status, not an error."""
     raw, reason = read
     scan = scan_of(raw)
@@ -297,9 +282,6 @@ def read_epoch(scans: Scans, epoch: int, options: DriveOptions) -> Read:
 
 def _nothing_read(epoch: int, scans: Scans) -> RawScan:
     return RawScan(np.empty((0, 3)), float(scans.times[epoch]), scans.name(epoch), 0, 0, 0)
-
-
-# --- priors ---------------------------------------------------------------------------------------------------
 
 
 def status_without_search(point_map: PointMap, scan: Scan, *priors: Pose | None) -> Status | None:

@@ -9,7 +9,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -79,9 +79,6 @@ def localized_trajectory(epochs: Sequence[EpochEstimate]) -> Trajectory | None:
     return Trajectory.from_poses([time for time, _ in found], [pose for _, pose in found]) if found else None
 
 
-# --- POSES.csv ------------------------------------------------------------------------------------------------
-
-
 def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -> None:
     """Write POSES.csv of epochs; FileError if it cannot be written.
 
@@ -142,7 +139,7 @@ def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> Rows
     return RowsThere(n_rows, n_localized, n_bytes)
 
 
-class GrowingTable(AbstractContextManager["GrowingTable"]):
+class GrowingTable(ExitStack):
     """POSES.csv while a drive is localized: each row is in the file once its epoch is done, to go on with after a kill.
 
     The first row makes or replaces the file. Rows of scans that cannot be read wait for the first that can.
@@ -150,11 +147,11 @@ class GrowingTable(AbstractContextManager["GrowingTable"]):
 
     def __init__(self, path: str | os.PathLike[str], there: RowsThere | None = None) -> None:
         """Begin a table anew, or go on with the rows `there`."""
+        super().__init__()
         self._path = Path(path)
         self._there = there or RowsThere()
         self._waiting: list[EpochEstimate] = []
         self._file: BinaryIO | None = None
-        self._stack = ExitStack()
         self.n_rows = self._there.n_rows
         """Rows in the file."""
 
@@ -166,10 +163,10 @@ class GrowingTable(AbstractContextManager["GrowingTable"]):
         rows, self._waiting = self._waiting, []
         if self._file is None:
             lock = self._path.with_name(f".{self._path.name}.lock")
-            self._stack.enter_context(locked(lock, f"the table {self._path}"))
+            self.enter_context(locked(lock, f"the table {self._path}"))
             if self.n_rows == 0:
                 write_poses(self._path, rows)
-            self._file = self._stack.enter_context(self._path.open("ab"))
+            self._file = self.enter_context(self._path.open("ab"))
             if self.n_rows > 0:
                 self._file.truncate(self._there.n_bytes)
         if self.n_rows > 0:
@@ -187,12 +184,6 @@ class GrowingTable(AbstractContextManager["GrowingTable"]):
             raise FileError(
                 f"Expected to be able to write a row to {self._path}, got: {error.strerror}. Make room for it."
             ) from error
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
-
-
-# --- many drives ----------------------------------------------------------------------------------------------
 
 
 def poses_schema() -> "pyarrow.Schema":
@@ -227,10 +218,6 @@ class PosesDataset:
     def add(self, name: str, epochs: Sequence[EpochEstimate]) -> None:
         """Write rows of a drive that is not done yet; FileError if they cannot be written."""
         self.table(name).add([pose_values(epoch) for epoch in epochs])
-
-    def rows(self, name: str) -> "pyarrow.Table":
-        """Return the rows of a drive that have been written, done or not, by epoch; FileError if a file is broken."""
-        return self.table(name).read()
 
     def statuses(self, name: str) -> list[str]:
         """Return the status of each epoch of a drive that is done; no other column is read."""

@@ -11,8 +11,7 @@ from maxcon.errors import ArrayError, SearchSpaceError
 
 # A float32 unit vector read from a file is off by 1e-7; files with 2 to 3 decimals are off by 1e-3.
 UNIT_TOLERANCE = 5e-3
-# Covariances in files have some six digits: smaller asymmetries and negative eigenvalues are rounding.
-ROUNDING = 1e-6
+ROUNDING = 1e-6  # covariances in files have some six digits: smaller asymmetries and negative eigenvalues are rounding
 
 
 def as_points(values: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -117,6 +117,22 @@ class GroundPatch:
         middles = (np.column_stack([columns, rows]) + 0.5 + np.array(self.first)) * self.edge
         return np.column_stack([middles, self.heights[levels, rows, columns]])
 
+    def cells_at(self, x: NDArray[np.floating], y: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Row and column of the cells that places (x, y), m, lie in, or of the nearest."""
+        _, ny, nx = self.heights.shape
+        rows = np.clip(np.floor(y / self.edge).astype(np.int64) - self.first[1], 0, ny - 1)
+        return rows, np.clip(np.floor(x / self.edge).astype(np.int64) - self.first[0], 0, nx - 1)
+
+    def filled(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Heights, those of the nearest cell where none are known, and how far that is, (ny, nx), m; infinity: none."""
+        from scipy.ndimage import distance_transform_edt
+
+        is_unknown = np.isnan(self.heights[0])
+        if is_unknown.all():
+            return self.heights, np.full(is_unknown.shape, np.inf)
+        distances, (rows, columns) = distance_transform_edt(is_unknown, sampling=self.edge, return_indices=True)
+        return self.heights[:, rows, columns], distances
+
 
 def ground_patch(source: TileSource[GroundTile], cell: float, x: float, y: float, reach: float) -> GroundPatch:
     """Return the ground in the square of half width `reach` (m) around (x, y), of a map of edge `cell` (m)."""

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """PointMap: the voxels of a dense point cloud, in tiles around a local frame (D1, D4)."""
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -56,15 +54,9 @@ class PointMap:
     """
 
     def __init__(
-        self,
-        frame: LocalFrame,
-        cell: float,
-        is_signed: bool,
-        tiles: TileSource[VoxelTile],
-        sigma: float = UNKNOWN_SIGMA,
-        ground: TileSource[GroundTile] | None = None,
-        tile_voxels: int = TILE_VOXELS,
-    ) -> None:
+        self, frame: LocalFrame, cell: float, is_signed: bool, tiles: TileSource[VoxelTile],
+        sigma: float = UNKNOWN_SIGMA, ground: TileSource[GroundTile] | None = None, tile_voxels: int = TILE_VOXELS,
+    ) -> None:  # fmt: skip
         self.frame = frame
         self.cell = cell
         self.is_signed = is_signed
@@ -94,16 +86,9 @@ class PointMap:
 
     @classmethod
     def from_points(
-        cls,
-        points: ArrayLike,
-        normals: ArrayLike,
-        cell: float = 0.06,
-        *,
-        frame: LocalFrame | None = None,
-        is_signed: bool = True,
-        sigma: float = UNKNOWN_SIGMA,
-        ground: ArrayLike | None = None,
-    ) -> PointMap:
+        cls, points: ArrayLike, normals: ArrayLike, cell: float = 0.06, *, frame: LocalFrame | None = None,
+        is_signed: bool = True, sigma: float = UNKNOWN_SIGMA, ground: ArrayLike | None = None,
+    ) -> "PointMap":  # fmt: skip
         """Rasterize points with normals into a map in memory.
 
         - points, normals: shape (m, 3); local frame, m; unit normals, a row of zeros where there is none.
@@ -113,7 +98,7 @@ class PointMap:
         - sigma: how well the points are known: standard deviation of their common position along any axis, m.
         - ground: shape (k, 3); points on the ground, local frame, m, whose heights are kept beside the voxels.
 
-        An ArrayError if a shape is wrong, a value not finite or a normal no unit vector, `cell` <= 0 or `sigma` < 0.
+        An ArrayError if a number or a shape is wrong, or a normal no unit vector.
         """
         check_sigma(sigma)
         if not (math.isfinite(cell) and cell > 0.0):
@@ -126,21 +111,16 @@ class PointMap:
 
     @classmethod
     def open(
-        cls,
-        path: str | os.PathLike[str],
-        *,
-        cache_bytes: int = 2**31,
+        cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31,
         left_out: Collection[SurfaceClass] | None = NOT_SEARCHED,
-    ) -> PointMap:
-        """Open a map on disk; tiles are loaded when a search comes near them.
+    ) -> "PointMap":  # fmt: skip
+        """Open a map on disk; tiles are loaded when a search comes near them. A MapError if it is none, or broken.
 
         - path: the folder `maxcon map build` made, or the address it was copied to: `s3://bucket/prefix`, `http://`,
           `https://`.
         - cache_bytes: size of the LRU cache of tiles.
         - left_out: what of an updated map is left out: by default what is gone. Nothing if None, and tiles have classes
           then.
-
-        A MapError if it is not a map, is of another format version, or its manifest is broken.
         """
         from maxcon.map.manifest import read_manifest
         from maxcon.map.storage import address_of, open_storage
@@ -156,7 +136,7 @@ class PointMap:
         opened._prefetch = tiles.prefetch if address else None
         return opened
 
-    def level(self, factor: int) -> PointMap:
+    def level(self, factor: int) -> "PointMap":
         """Return the same map in voxels `factor` (1, 2, 4, ... 32) times as large, without ground.
 
         Tiles are merged when a search asks for them. Another factor is an OptionError.
@@ -179,7 +159,7 @@ class PointMap:
             self._levels.setdefault(factor, level)  # the first one, where several threads ask at once
         return self._levels[factor]
 
-    def nearest_level(self, cell: float) -> PointMap:
+    def nearest_level(self, cell: float) -> "PointMap":
         """Return the level whose voxel edge comes nearest to `cell` (m), by ratio."""
         return self.level(min(LEVEL_FACTORS, key=lambda factor: abs(math.log(factor * self.cell / cell))))
 
@@ -288,7 +268,7 @@ class PointMap:
 
 
 def stored_tiles(
-    storage: MapStorage, manifest: Manifest, *, cache_bytes: int, left_out: Collection[SurfaceClass] | None = None
+    storage: "MapStorage", manifest: "Manifest", *, cache_bytes: int, left_out: Collection[SurfaceClass] | None = None
 ) -> TileCache[VoxelTile]:
     """Return the tiles of a map, checked when read, in an LRU cache; voxels of classes `left_out` are not in them."""
     from maxcon.map.manifest import CLASSES, REBUILD, TILES
@@ -315,7 +295,7 @@ def stored_tiles(
     return TileCache(read, cache_bytes, tiles.keys)
 
 
-def stored_ground(storage: MapStorage, manifest: Manifest) -> TileCache[GroundTile]:
+def stored_ground(storage: "MapStorage", manifest: "Manifest") -> TileCache[GroundTile]:
     """Return the ground of a map, checked when it is read, behind an LRU cache."""
     from maxcon.map.manifest import GROUND
     from maxcon.map.store import Section

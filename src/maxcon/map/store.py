@@ -8,10 +8,11 @@ A record is one message of the Arrow IPC stream format, its buffers compressed w
 import hashlib
 import os
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,25 +166,19 @@ class Section:
         return in_threads(self.record, keys, PREFETCH_THREADS)
 
 
-class MapWriter:
+class MapWriter(ExitStack):
     """Writes a map into an empty folder: `put` the records of its tiles, then `finish`; before that it is no map."""
 
     def __init__(self, folder: Path, *, shard_bytes: int = SHARD_BYTES) -> None:
+        super().__init__()
         self._folder = folder
         self._shard_bytes = shard_bytes
         self._sections: dict[str, _SectionWriter] = {}
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for section in self._sections.values():
-            section.close()
-
     def put(self, record: Record) -> None:
         """Write a record into its section: one of each tile, all of one schema."""
         if record.section not in self._sections:
-            self._sections[record.section] = _SectionWriter(self._folder, record, self._shard_bytes)
+            self._sections[record.section] = _SectionWriter(self, self._folder, record, self._shard_bytes)
         self._sections[record.section].put(record)
 
     def finish(self, manifest: Manifest) -> Manifest:
@@ -195,10 +190,18 @@ class MapWriter:
         return manifest
 
 
-class _SectionWriter:
-    """Writes the shards of one section, whose records have the schema of the first."""
+def map_folder(out: str | os.PathLike[str], *, overwrite: bool) -> AbstractContextManager[Path]:
+    """Folder to fill with a map, which appears at `out` when all is done; a map that is there is replaced if asked."""
+    if overwrite:
+        check_replaceable(out, "a map", MAP_NAMES)
+    return atomic_folder(out, overwrite=overwrite)
 
-    def __init__(self, folder: Path, first: Record, shard_bytes: int) -> None:
+
+class _SectionWriter:
+    """Writes the shards of one section, whose records have the schema of the first; `open_files` closes them, too."""
+
+    def __init__(self, open_files: ExitStack, folder: Path, first: Record, shard_bytes: int) -> None:
+        self._open_files = open_files
         self._folder = folder
         self._name = first.section
         self._schema = first.schema
@@ -214,7 +217,7 @@ class _SectionWriter:
         if self._n_bytes + len(record.content) + len(END_OF_STREAM) > self._shard_bytes:
             self._complete()
         if self._shard is None:
-            self._shard = self._partial.open("wb")
+            self._shard = self._open_files.enter_context(self._partial.open("wb"))
             self._n_bytes = self._shard.write(self._schema)
             self._checksums = hashlib.sha256(self._schema)
         place = (len(self._files), self._n_bytes, len(record.content), record.sha256)
@@ -226,11 +229,6 @@ class _SectionWriter:
         """Return the table of all records."""
         self._complete()
         return ShardTable(self._schema, tuple(self._files), np.array(sorted(self._rows), INDEX))
-
-    def close(self) -> None:
-        """Close what is open, after an error too."""
-        if self._shard is not None:
-            self._shard.close()
 
     def _complete(self) -> None:
         """Give the shard its name, of its number and its checksums: shards of two maps have different names."""
@@ -245,12 +243,9 @@ class _SectionWriter:
 
 
 def copy_map(
-    source: str | os.PathLike[str],
-    target: str | os.PathLike[str],
-    *,
-    overwrite: bool = False,
+    source: str | os.PathLike[str], target: str | os.PathLike[str], *, overwrite: bool = False,
     progress: Progress | None = None,
-) -> Manifest:
+) -> Manifest:  # fmt: skip
     """Copy a map to a folder, or from a folder to s3://; every record is checked. Return its manifest.
 
     At an address the manifest is written last, so that nobody sees half a map; files of a map that was there before
@@ -265,9 +260,7 @@ def copy_map(
         )
     manifest = read_manifest(storage)
     if address is None:
-        if overwrite:
-            check_replaceable(target, "a map", MAP_NAMES)
-        with atomic_folder(target, overwrite=overwrite) as folder, MapWriter(folder) as writer:
+        with map_folder(target, overwrite=overwrite) as folder, MapWriter(folder) as writer:
             for record in _records(storage, manifest, "copying tiles", report):
                 writer.put(record)
             return writer.finish(manifest)

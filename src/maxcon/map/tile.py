@@ -82,6 +82,11 @@ class VoxelTile:
         )  # fmt: skip
 
     @property
+    def surface_classes(self) -> NDArray[np.uint8]:
+        """`SurfaceClass` of each voxel; all are known in a tile without classes."""
+        return np.full(len(self), SurfaceClass.KNOWN, np.uint8) if self.classes is None else self.classes
+
+    @property
     def corner(self) -> tuple[int, int]:
         """(x, y) index of its first voxel."""
         return self.key[0] * self.edge, self.key[1] * self.edge

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """The coarse filter: large cells of a whole map that match nearly as many points as the best one, by branch and bound.
 
-`count_all` is its definition (D7). `recount` counts around the cells that are left in cells half as large.
+A point matches where the voxel that it falls in has its orientation bin; the scanner is in the middle of a cell.
+`recount` counts around the cells that are left in cells half as large.
 """
 
 import math
@@ -153,36 +154,8 @@ def in_order(cells: Nodes, counts: Counts) -> NDArray[np.intp]:
     return np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0], -counts))
 
 
-def counts_of_region(scan: CoarseScan, regions: Regions, key: TileKey) -> NDArray[np.int32]:
-    """Points that match at each heading and cell, (headings, REGION, REGION); -1 where no scanner may stand.
-
-    A point matches where the voxel that it falls in has its orientation bin; the scanner is in the middle of the cell.
-    """
-    turned, voxels = scan.turned(HEADINGS, regions.map.cell), regions.map.region(key).bins
-    counts = np.zeros((len(HEADINGS), REGION, REGION), np.int32)
-    for heading in range(len(HEADINGS)):
-        columns = turned.columns[heading] + regions.map.margin
-        for layer, (x, y), bit in zip(turned.layers, columns, turned.bins[heading], strict=True):
-            counts[heading] += (voxels[layer, y : y + REGION, x : x + REGION] & (1 << int(bit))) != 0
-    counts[:, ~regions.allowed[key]] = -1
-    return counts
-
-
-def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> CountedCells:
-    """Find every cell whose count reaches a ratio of the highest one: every cell at every heading is counted."""
-    counts = {key: counts_of_region(scan, regions, key) for key in regions.allowed}
-    best = max((int(each.max()) for each in counts.values()), default=0)
-    cells, scores = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
-    if best > 0:
-        for (key_x, key_y), each in counts.items():
-            reaching = np.argwhere(each >= ratio * best)
-            cells.append(reaching + np.array([0, key_y * REGION, key_x * REGION]))
-            scores.append(each[tuple(reaching.T)].astype(np.int64))
-    return CountedCells.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.map.cell)
-
-
 def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> CountedCells:
-    """Find every cell whose count reaches a ratio of the highest one, as `count_all` does, at most `MOST_KEPT`.
+    """Find every cell whose count reaches a ratio of the highest one, at most `MOST_KEPT` of them.
 
     The bound of a block of 4 x 4 cells counts points that match at any of them. Blocks that may reach the ratio of the
     best count so far are split into squares, the highest bound first, and these into cells. Threads share headings and

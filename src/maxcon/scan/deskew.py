@@ -10,8 +10,7 @@ from maxcon.geometry import interpolate_poses
 from maxcon.geometry.arrays import as_points
 from maxcon.scan.trajectory import Trajectory
 
-MAX_GAP = 0.5
-"""Between two poses of the motion to interpolate across, s."""
+MAX_GAP = 0.5  # between two poses of the motion to interpolate across, s
 MAX_BEYOND = 0.15
 """A scan may begin before the first pose of the motion, or end after the last, by this much, s: the motion goes on as
 between the two poses there."""

@@ -15,8 +15,7 @@ from maxcon.geometry import Pose
 from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.scan.trajectory import Trajectory
 
-LARGEST_OFFSET = 100.0
-"""Of a part from the vehicle's origin, m: larger ones are millimetres."""
+LARGEST_OFFSET = 100.0  # of a part from the vehicle's origin, m: larger ones are millimetres
 MOST_SCANNERS = 16
 ADVICE = "Positions are in m, angles in degrees; see docs/priors.md"
 LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Trajectory: poses with their times, and the pose at any time between them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,8 +15,7 @@ from maxcon.geometry import Pose, interpolate_poses
 from maxcon.geometry.arrays import first_covariance_fault
 from maxcon.geometry.pose import angles_from_quaternions, quaternions_from_angles
 
-# A time this near to a pose's is that pose's: loggers round to the millisecond.
-SAME_TIME = 1e-3
+SAME_TIME = 1e-3  # A time this near to a pose's is that pose's: loggers round to the millisecond
 # Files with two decimals are off by 0.01; anything farther is another order of columns, not rounding.
 QUATERNION_TOLERANCE = 1e-2
 
@@ -31,11 +28,9 @@ class TrajectoryFault(NamedTuple):
 
 
 def first_fault(
-    times: NDArray[np.float64],
-    positions: NDArray[np.float64],
-    quaternions_xyzw: NDArray[np.float64],
+    times: NDArray[np.float64], positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64],
     covariances: NDArray[np.float64] | None = None,
-) -> TrajectoryFault | None:
+) -> TrajectoryFault | None:  # fmt: skip
     """Return the first row that cannot be used, with why, or None; covariances (n, 3, 3) are NaN where not known."""
     lengths = np.hypot.reduce(quaternions_xyzw, axis=1)
     is_finite = np.isfinite(times) & np.isfinite(positions).all(axis=1) & np.isfinite(lengths)
@@ -84,20 +79,13 @@ def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[n
 class Trajectory:
     """Poses T_map_sensor over time, in global coordinates; the arrays are read-only copies.
 
-    Parameters
-    ----------
-    times : array_like, shape (n,)
-        s, strictly increasing; at least one.
-    positions : array_like, shape (n, 3)
-        Global coordinates, m.
-    quaternions_xyzw : array_like, shape (n, 4)
-        Orientation of the sensor; unit length within 1 %, normalized here.
-    covariances : array_like, shape (n, 3, 3), optional
-        Of x, y and heading of each pose, axes of the CRS: m^2, m rad and rad^2. All of a pose's are NaN where it is not
-        known how well that one is known.
+    - times: shape (n,), s, strictly increasing; at least one.
+    - positions: shape (n, 3), global coordinates, m.
+    - quaternions_xyzw: shape (n, 4), orientation of the sensor; unit length within 1 %, normalized here.
+    - covariances: shape (n, 3, 3), of x, y and heading of each pose, axes of the CRS: m^2, m rad and rad^2; NaN of a
+      pose of which it is not known how well it is known. None if none's is.
 
-    An ArrayError if a shape is wrong or something is not a number; a TrajectoryError if there is no pose or a row has a
-    `first_fault`.
+    An ArrayError if a shape is wrong or something is not a number; a TrajectoryError if a row cannot be used.
     """
 
     times: NDArray[np.float64]
@@ -151,7 +139,7 @@ class Trajectory:
         """Return all poses, in order of time."""
         return _poses(self.positions, self.quaternions_xyzw)
 
-    def later(self, seconds: float) -> Trajectory:
+    def later(self, seconds: float) -> "Trajectory":
         """Return the same poses at times later by so many seconds."""
         return replace(self, times=self.times + seconds)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
@@ -25,7 +26,7 @@ from maxcon.io.trajectories import read_trajectory, write_csv, write_tum
 from maxcon.map import TileKey
 from maxcon.mapping.align.alignment import TABLES, Alignment, files_there, write_tables
 from maxcon.mapping.align.passes import Corrections, Passes, read_passes, survey
-from maxcon.mapping.align.pose_graph import Georeference, adjust_by_evidence
+from maxcon.mapping.align.pose_graph import adjust_by_evidence
 from maxcon.mapping.align.visits import Constraint, Places, Visit, match_visits, visits_of
 from maxcon.mapping.build.options import parse_classes
 from maxcon.mapping.build.sources import common_crs, open_headers
@@ -69,9 +70,9 @@ class AlignmentOptions:
             )
 
     @property
-    def georeference(self) -> Georeference:
-        """The prior of each pass."""
-        return Georeference(self.georeference_sigma, math.radians(self.georeference_sigma_deg))
+    def prior_sigmas(self) -> NDArray[np.float64]:
+        """Standard deviations of the twist of each pass a priori, shape (6,), m and rad."""
+        return np.repeat([self.georeference_sigma, math.radians(self.georeference_sigma_deg)], 3)
 
     def dropped_classes(self) -> frozenset[int]:
         """Class numbers that are not matched."""
@@ -116,9 +117,9 @@ def align(
         constraints = [constraint for constraint in matched if not constraint.fault]
         if not constraints:
             raise _nothing_matched(passes, matched)
-        adjusted = adjust_by_evidence(corrections, constraints, options.georeference, drift_sigma)
+        adjusted = adjust_by_evidence(corrections, constraints, options.prior_sigmas, drift_sigma)
         corrections = adjusted.corrections
-    return Alignment.of(passes, matched, adjusted, options.georeference)
+    return Alignment.of(passes, matched, adjusted, options.prior_sigmas)
 
 
 def align_files(
@@ -164,12 +165,10 @@ def align_files(
         for trajectory, path in zip(read, outputs[len(headers) :], strict=True):
             write_corrected_trajectory(path, trajectory, found.passes, corrections)
         summary: dict[str, object] = {
-            "passes_by": options.passes_by,
-            "georeference_sigma": options.georeference_sigma,
-            "georeference_sigma_deg": options.georeference_sigma_deg,
-            "drift_sigma": found.adjusted.drift_sigma,
+            "passes_by": options.passes_by, "georeference_sigma": options.georeference_sigma,
+            "georeference_sigma_deg": options.georeference_sigma_deg, "drift_sigma": found.adjusted.drift_sigma,
             "drift_from": "the ties" if options.drift_sigma is None else "given",
-        }
+        }  # fmt: skip
         write_tables(folder, found, summary, names)
     return found
 
@@ -213,9 +212,6 @@ def _nothing_matched(passes: Passes, matched: Sequence[Constraint]) -> MapError:
         f"Expected places that {len(passes)} passes can be matched at, got {got}. Do they overlap, in one CRS, and are"
         " they within 0.6 m of each other?"
     )
-
-
-# --- corrected files --------------------------------------------------------------------------------------------
 
 
 def corrected_name(path: Path) -> str:

@@ -22,19 +22,6 @@ USUAL_SQUARE = 5.348  # median of a chi-squared variable of six degrees of freed
 MOST_STEPS, AT_REST = 50, 3e-4
 
 
-@dataclass(frozen=True, slots=True)
-class Georeference:
-    """Prior of the correction of each pass: how well it was georeferenced before."""
-
-    sigma: float  # Standard deviation of a pass's position along any axis, m
-    sigma_turn: float  # The same of its roll, pitch and heading, rad
-
-    @property
-    def sigmas(self) -> NDArray[np.float64]:
-        """Standard deviations of a twist, shape (6,), m and rad."""
-        return np.repeat([self.sigma, self.sigma_turn], 3)
-
-
 class Equations:
     """Residuals of constraints, and their derivatives by the twists of passes and knots, from `corrections` on."""
 
@@ -107,8 +94,9 @@ class Adjusted:
 
 
 def adjust_by_evidence(
-    corrections: Corrections, constraints: Sequence[Constraint], georeference: Georeference, drift_sigma: float | None
-) -> Adjusted:
+    corrections: Corrections, constraints: Sequence[Constraint], prior_sigmas: NDArray[np.float64],
+    drift_sigma: float | None,
+) -> Adjusted:  # fmt: skip
     """Adjust with a given drift (m), or with the smallest one that explains the constraints.
 
     The evidence is the probability of the constraints under a drift, with all unknowns integrated over: a larger drift
@@ -117,36 +105,34 @@ def adjust_by_evidence(
     """
     equations = Equations(corrections, constraints)
     if drift_sigma is not None:
-        return adjust(equations, georeference, drift_sigma)
-    largest = adjust(equations, georeference, DRIFTS[-1])
+        return adjust(equations, prior_sigmas, drift_sigma)
+    largest = adjust(equations, prior_sigmas, DRIFTS[-1])
     fixed = (largest.weights, largest.inflation)
-    best = adjust(equations, georeference, DRIFTS[0], fixed)
+    best = adjust(equations, prior_sigmas, DRIFTS[0], fixed)
     for drift in DRIFTS[1:]:
-        other = adjust(equations, georeference, drift, fixed)
+        other = adjust(equations, prior_sigmas, drift, fixed)
         if other.evidence > best.evidence + MARGIN:
             best = other
-    return adjust(equations, georeference, best.drift_sigma)
+    return adjust(equations, prior_sigmas, best.drift_sigma)
 
 
 def adjust(
-    equations: Equations,
-    georeference: Georeference,
-    drift_sigma: float,
+    equations: Equations, prior_sigmas: NDArray[np.float64], drift_sigma: float,
     fixed: tuple[NDArray[np.float64], float] | None = None,
-) -> Adjusted:
+) -> Adjusted:  # fmt: skip
     """Adjust the corrections of all passes to all constraints and to their prior, which is zero.
 
     Gauss-Newton steps with sparse normal equations, reweighted: residuals follow a multivariate Student distribution,
     so that a wrong constraint weighs the less the farther it is off, unless weights and inflation are `fixed`.
-    Unknowns are divided by the sigmas of their priors; without drift knots do not move.
+    Unknowns are divided by the sigmas of their priors, of whole passes (6,); without drift knots do not move.
     """
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import splu
 
     start = equations.corrections
     n_wholes, n_knots = len(start.centres), len(start.knots) if drift_sigma > 0.0 else 0
-    drifts = georeference.sigmas * (drift_sigma / georeference.sigma)
-    scales = np.concatenate([np.tile(georeference.sigmas, n_wholes), np.tile(drifts, n_knots)])
+    drifts = prior_sigmas * (drift_sigma / prior_sigmas[0])
+    scales = np.concatenate([np.tile(prior_sigmas, n_wholes), np.tile(drifts, n_knots)])
     design, prior, log_prior = equations.design(scales), *_prior(start, has_drift=n_knots > 0)
 
     def corrected(unknowns: NDArray[np.float64]) -> Corrections:

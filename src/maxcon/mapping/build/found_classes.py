@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS, TileKey
 from maxcon.map.ground import GroundTile, ground_of_points, ground_voxels
+from maxcon.map.voxelize import first_of_each
 from maxcon.mapping.build.ground import HeightsOf, ground_heights, heights_at
-from maxcon.mapping.build.map_sigma import LEAST_PAUSE
+from maxcon.mapping.build.point_statistics import LEAST_PAUSE
 from maxcon.mapping.build.tile_points import VoxelMoments, is_vegetation, plane_normals
 
 UNCLASSIFIED, GROUND, LOW_VEGETATION, TEMPORARY = 1, 2, 3, 22  # behind low vegetation come medium and high
@@ -150,7 +151,7 @@ def observation_records(
     edge = ground_voxels(cell, BLOCK_EDGE)
     n = TILE_VOXELS // edge
     blocks, stretches = voxel_indices(points[is_timed], cell) // edge, np.floor(times[is_timed] / STRETCH)
-    first = _first_of_each(blocks, stretches)
+    first, _ = first_of_each(*blocks.T, stretches)
     blocks = blocks[first]
     keys = blocks[:, :2] // n
     records = np.empty(len(blocks), OBSERVATION)
@@ -162,16 +163,8 @@ def observation_records(
 
 def each_once(seen: NDArray[np.void]) -> NDArray[np.void]:
     """Observations (`OBSERVATION`) without those that occur again."""
-    return seen[_first_of_each(np.column_stack([seen["column"], seen["layer"]]), seen["time"])]
-
-
-def _first_of_each(blocks: NDArray[np.integer], times: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Rows of different (x, y, z) of blocks, shape (n, 3), and times: the first of each."""
-    columns = (*blocks.T, times)
-    order = np.lexsort(columns)
-    is_new = np.ones(len(order), bool)
-    is_new[1:] = np.logical_or.reduce([np.diff(values[order]) != 0 for values in columns])
-    return order[is_new]
+    first, _ = first_of_each(*seen["column"].T, seen["layer"], seen["time"])
+    return seen[first]
 
 
 def pass_of(times: NDArray[np.float64]) -> NDArray[np.int64]:

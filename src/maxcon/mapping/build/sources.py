@@ -231,12 +231,9 @@ def _drop_classes(
 
 
 def _sides(
-    points: NDArray[np.float64],
-    times: NDArray[np.float64] | None,
-    normals: NDArray[np.float64] | None,
-    trajectory: Trajectory | None,
-    source: Source,
-) -> NDArray[np.float32]:
+    points: NDArray[np.float64], times: NDArray[np.float64] | None, normals: NDArray[np.float64] | None,
+    trajectory: Trajectory | None, source: Source,
+) -> NDArray[np.float32]:  # fmt: skip
     """Normals, turned to the sensor where it is known, or else directions to the sensor; zeros where not known."""
     sides = np.zeros((len(points), 3))
     if normals is not None:

@@ -38,9 +38,6 @@ SCATTERED = 0.2  # smallest ratio of eigenvalues, smallest to largest, of scatte
 LEAST_SCATTERED = 0.55  # smallest fraction of scattered voxels within cubes of 1.2 m of vegetation
 
 
-# --- sorted into tiles ------------------------------------------------------------------------------------------
-
-
 def point_records(
     points: NDArray[np.float64], sides: NDArray[np.float32], cell: float
 ) -> tuple[NDArray[np.int32], NDArray[np.void]]:
@@ -160,9 +157,6 @@ class TileArrays:
         return self._folder / f"{key[0]}_{key[1]}.{kind}.npz"
 
 
-# --- summed up in voxels ----------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class VoxelMoments:
     """Moments of the voxels of one tile (and its halo), by ascending (z, y, x)."""
@@ -271,8 +265,10 @@ def sums_around(
     return np.asarray(totals[block])
 
 
-def plane_normals(moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Unit normals of the wanted voxels, signs open, from the smallest neighbourhood that determines a plane."""
+def plane_normals(
+    moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool_], *, is_signed: bool = False
+) -> NDArray[np.float64]:
+    """Unit normals of wanted voxels, of the smallest neighbourhood with a plane, to the sensor's side if signed."""
     normals = np.zeros((len(moments), 3))
     if len(moments) < LEAST_VOXELS:  # at no level are there more
         return normals
@@ -283,7 +279,7 @@ def plane_normals(moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool
         values, fitted = _planes(level, edge, is_asked)
         fitted[~((values[:, 1] >= 0.25 * edge * edge) & (values[:, 0] <= FLATNESS * values[:, 1]))] = 0.0
         normals[is_open] = fitted[place[is_open]]
-    return normals
+    return turn_to_side(normals, moments.sides) if is_signed else normals
 
 
 def _planes(
