@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """A drive, epoch after epoch: localized from priors of a trajectory, tracked, or found in the whole map without any."""
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -325,11 +326,8 @@ def _poses_of_scans(scans: Scans, trajectory: Trajectory, options: DriveOptions,
 
 def _clocks_in_words(first: float, other: float) -> str:
     """What two first times, s, that lie apart suggest: another unit, or whole hours between clocks."""
-    for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
-        for which, ratio in (
-            ("the trajectory's", other / first if first else 0.0),
-            ("the scans'", first / (other or 1)),
-        ):
+    for which, ratio in (("the trajectory's", other / (first or math.inf)), ("the scans'", first / (other or 1.0))):
+        for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
             if abs(ratio / factor - 1.0) < 0.01:
                 return f"It looks as if {which} times were in {unit}. "
     hours = round((other - first) / 3600.0)

@@ -6,18 +6,17 @@ import math
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, SupportsIndex
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError, MapError, OptionError
+from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals, read_only_view
-from maxcon.map.ground import GroundPatch, GroundTile, ground_in_memory, ground_patch, ground_voxels
+from maxcon.map.ground import GroundPatch, GroundTile, ground_in_memory, ground_patch
 from maxcon.map.layout import (
     LEVEL_FACTORS,
     NOT_SEARCHED,
@@ -32,11 +31,7 @@ from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
 from maxcon.map.voxel_table import TileTable, VoxelTable
 from maxcon.map.voxelize import voxelize
 
-if TYPE_CHECKING:
-    from maxcon.map.manifest import Manifest
-    from maxcon.map.storage import MapStorage
-
-LEVEL_BYTES, GROUND_BYTES = 2**28, 2**24  # sizes of the caches of the tiles of a level and of the ground
+LEVEL_BYTES = 2**28  # size of the cache of the tiles of a level
 PREFETCHED_AROUND = 2
 """With the ground of a tile, that of so many tiles on each side is prefetched: it is likely to be needed next."""
 
@@ -124,6 +119,7 @@ class PointMap:
         """
         from maxcon.map.manifest import read_manifest
         from maxcon.map.storage import address_of, open_storage
+        from maxcon.map.store import stored_ground, stored_tiles
 
         storage = open_storage(path)
         manifest = read_manifest(storage)
@@ -265,48 +261,6 @@ class PointMap:
             np.concatenate([tile.counts for tile in tiles] or [np.empty(0, np.int32)]),
             np.concatenate([tile.normals for tile in tiles] or [np.empty((0, 3), np.float32)]),
         )
-
-
-def stored_tiles(
-    storage: "MapStorage", manifest: "Manifest", *, cache_bytes: int, left_out: Collection[SurfaceClass] | None = None
-) -> TileCache[VoxelTile]:
-    """Return the tiles of a map, checked when read, in an LRU cache; voxels of classes `left_out` are not in them."""
-    from maxcon.map.manifest import CLASSES, REBUILD, TILES
-    from maxcon.map.store import Section
-
-    tiles, classes = Section(storage, manifest, TILES), Section(storage, manifest, CLASSES)
-
-    def read(key: TileKey) -> VoxelTile:
-        columns, layers, counts, normals, means = tiles.columns(key)  # views of the record
-        tile = VoxelTile(key, columns, layers, counts, normals, means)
-        if not tile.is_in_order:
-            raise MapError(f"Expected voxels of {tiles.where(key)} in the order of the search, got another. {REBUILD}")
-        if key not in classes.keys:
-            return tile
-        (of_voxels,) = classes.columns(key)
-        if len(of_voxels) != len(tile) or not np.isin(of_voxels, list(SurfaceClass)).all():
-            raise MapError(
-                f"Expected a class for each of {len(tile):,} voxels in {classes.where(key)}, got other numbers."
-                " Update the map it was made of again with `maxcon map update`."
-            )
-        tile = replace(tile, classes=of_voxels)
-        return tile if left_out is None else tile.without(left_out)
-
-    return TileCache(read, cache_bytes, tiles.keys)
-
-
-def stored_ground(storage: "MapStorage", manifest: "Manifest") -> TileCache[GroundTile]:
-    """Return the ground of a map, checked when it is read, behind an LRU cache."""
-    from maxcon.map.manifest import GROUND
-    from maxcon.map.store import Section
-
-    section, n_cells = Section(storage, manifest, GROUND), TILE_VOXELS // ground_voxels(manifest.cell)
-
-    def read(key: TileKey) -> GroundTile:
-        columns, heights = section.columns(key)
-        return GroundTile.from_rows(key, columns, heights, n_cells)
-
-    return TileCache(read, GROUND_BYTES, section.keys)
 
 
 def _merged_tiles(source: TileSource[VoxelTile], factor: int, is_signed: bool) -> TileCache[VoxelTile]:

@@ -7,7 +7,7 @@ A record is one message of the Arrow IPC stream format, its buffers compressed w
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from functools import cache
@@ -21,8 +21,8 @@ from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.engine import in_threads
 from maxcon.errors import FileError, MapError, OptionError
-from maxcon.map.ground import GroundTile
-from maxcon.map.layout import TileKey
+from maxcon.map.ground import GroundTile, ground_voxels
+from maxcon.map.layout import TILE_VOXELS, SurfaceClass, TileKey
 from maxcon.map.manifest import (
     CLASSES,
     GROUND,
@@ -38,9 +38,10 @@ from maxcon.map.manifest import (
     write_manifest,
 )
 from maxcon.map.storage import Folder, MapStorage, Remote, address_of, open_storage
-from maxcon.map.tile import PREFETCH_THREADS, VoxelTile
+from maxcon.map.tile import PREFETCH_THREADS, TileCache, VoxelTile
 
 END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"  # how a stream of the Arrow IPC format ends
+GROUND_BYTES = 2**24  # size of the cache of the tiles of the ground
 SHARD_BYTES = 2**27  # largest size of a shard of several records
 
 
@@ -164,6 +165,42 @@ class Section:
         rows = self._table.rows
         keys = [(x, y) for x, y in rows["key"][np.lexsort((rows["offset"], rows["shard"]))].tolist()]
         return in_threads(self.record, keys, PREFETCH_THREADS)
+
+
+def stored_tiles(
+    storage: MapStorage, manifest: Manifest, *, cache_bytes: int, left_out: Collection[SurfaceClass] | None = None
+) -> TileCache[VoxelTile]:
+    """Return the tiles of a map, checked when read, in an LRU cache; voxels of classes `left_out` are not in them."""
+    tiles, classes = Section(storage, manifest, TILES), Section(storage, manifest, CLASSES)
+
+    def read(key: TileKey) -> VoxelTile:
+        columns, layers, counts, normals, means = tiles.columns(key)  # views of the record
+        tile = VoxelTile(key, columns, layers, counts, normals, means)
+        if not tile.is_in_order:
+            raise MapError(f"Expected voxels of {tiles.where(key)} in the order of the search, got another. {REBUILD}")
+        if key not in classes.keys:
+            return tile
+        (of_voxels,) = classes.columns(key)
+        if len(of_voxels) != len(tile) or not np.isin(of_voxels, list(SurfaceClass)).all():
+            raise MapError(
+                f"Expected a class for each of {len(tile):,} voxels in {classes.where(key)}, got other numbers."
+                " Update the map it was made of again with `maxcon map update`."
+            )
+        tile = replace(tile, classes=of_voxels)
+        return tile if left_out is None else tile.without(left_out)
+
+    return TileCache(read, cache_bytes, tiles.keys)
+
+
+def stored_ground(storage: MapStorage, manifest: Manifest) -> TileCache[GroundTile]:
+    """Return the ground of a map, checked when it is read, behind an LRU cache."""
+    section, n_cells = Section(storage, manifest, GROUND), TILE_VOXELS // ground_voxels(manifest.cell)
+
+    def read(key: TileKey) -> GroundTile:
+        columns, heights = section.columns(key)
+        return GroundTile.from_rows(key, columns, heights, n_cells)
+
+    return TileCache(read, GROUND_BYTES, section.keys)
 
 
 class MapWriter(ExitStack):

@@ -23,9 +23,8 @@ from maxcon.io.raw_scan import Scans
 from maxcon.map.ground import ground_voxels
 from maxcon.map.layout import NOT_SEARCHED
 from maxcon.map.manifest import Manifest, read_manifest, write_manifest
-from maxcon.map.point_map import stored_ground, stored_tiles
 from maxcon.map.storage import open_storage
-from maxcon.map.store import map_folder
+from maxcon.map.store import map_folder, stored_ground, stored_tiles
 from maxcon.map.tile import VoxelTile
 from maxcon.mapping.build import MapOptions, build_map
 from maxcon.mapping.build.options import GROUND, UNCLASSIFIED

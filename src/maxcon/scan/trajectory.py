@@ -45,19 +45,18 @@ def first_fault(
         fault = first_covariance_fault(covariances[rows])
         return None if fault is None else TrajectoryFault(int(rows[fault[0]]), fault[1])
     row = int(np.argmin(is_good))
-    if not is_finite[row]:
-        return TrajectoryFault(row, "Expected finite numbers, got NaN or infinity. Leave this pose out.")
-    if not is_later[row]:
-        return TrajectoryFault(
-            row,
-            f"Expected times that increase, got {times[row]:.9f} s after {times[row - 1]:.9f} s."
-            " Sort the poses by time and keep one of each time.",
-        )
-    return TrajectoryFault(
-        row,
+    words = (
         f"Expected a unit quaternion (qx, qy, qz, qw), got length {lengths[row]:.3g}."
-        " Check the order of the columns, or leave this pose out.",
+        " Check the order of the columns, or leave this pose out."
     )
+    if not is_finite[row]:
+        words = "Expected finite numbers, got NaN or infinity. Leave this pose out."
+    elif not is_later[row]:
+        words = (
+            f"Expected times that increase, got {times[row]:.9f} s after {times[row - 1]:.9f} s."
+            " Sort the poses by time and keep one of each time."
+        )
+    return TrajectoryFault(row, words)
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
