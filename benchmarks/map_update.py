@@ -42,7 +42,6 @@ from maxcon.lab.simulation.worlds import EPOCH_STEP, MOST_EPOCHS, SCAN_START, Ca
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
 from maxcon.mapping.build import Area
 from maxcon.mapping.update import UpdateOptions
-from maxcon.mapping.update.evidence import classes_of
 from maxcon.mapping.update.observations import observations_of
 from maxcon.search.accumulator import SearchMethod
 
@@ -107,7 +106,7 @@ def voxels_of(path):
     """Indices, counts and classes of all voxels of a map, and the map."""
     point_map = PointMap.open(path, left_out=None)
     tiles = [point_map.tile(key) for key in sorted(point_map.tile_keys)]
-    classes = [classes_of(tile) for tile in tiles]
+    classes = [tile.surface_classes for tile in tiles]
     voxels, counts = (np.concatenate([getattr(tile, name) for tile in tiles]) for name in ("voxels", "counts"))
     return point_map, voxels, counts, np.concatenate(classes)
 

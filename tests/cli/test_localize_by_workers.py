@@ -215,11 +215,11 @@ def test_drives_that_are_stopped_go_on(drive, long_table, long_drive, maxcon, ma
         _, err = process.communicate(timeout=600)
     if name == "SIGINT":
         assert (process.returncode, err) == (128 + number, "maxcon: stopped\n")
-    kept, others = (PosesDataset(out).rows(drive).to_pylist() for drive in ("long", "0013"))
+    kept, others = (PosesDataset(out).table(drive).read().to_pylist() for drive in ("long", "0013"))
     ended = maxcon(*arguments)
     assert ended.code == 0 and f"{len(kept) + len(others)} of them were there" in ended.out
     assert dataset_rows(out, "long") == single("long", *long_drive)
-    after = {row["epoch"]: row for row in PosesDataset(out).rows("long").to_pylist()}
+    after = {row["epoch"]: row for row in PosesDataset(out).table("long").read().to_pylist()}
     assert kept and all(after[row["epoch"]] == row for row in kept)  # times and all: not made again
     assert sorted(path.name for path in out.iterdir()) == ["_drives.json", "_options.json", "drive=0013", "drive=long"]
 

@@ -15,7 +15,7 @@ from localized_poses import localized_poses, rows_of
 from maxcon.cli.drive_output import parse_epochs
 from maxcon.cli.localize import localize as command
 from maxcon.cli.options import LARGEST_HALF_WIDTH, SIGMAS
-from maxcon.drive.within_sigmas import WithinSigmas
+from maxcon.drive.hypotheses import WithinSigmas
 from maxcon.errors import OptionError
 from maxcon.io.trajectories import read_trajectory, write_csv
 

@@ -161,11 +161,11 @@ def test_rows_are_published_once_and_whole(tmp_path):
     dataset.add("a", [sure_epoch(0), sure_epoch(1)])
     dataset.add("a", [sure_epoch(1)])  # done twice, as after a kill
     assert (dataset.has_rows("a"), dataset.is_done("a"), dataset.has_rows(), dataset.has_rows("b")) == (1, 0, 1, 0)
-    waiting = dataset.rows("a")
+    waiting = dataset.table("a").read()
     assert waiting.column("epoch").to_pylist() == [0, 1, 2, 3]
     dataset.publish("a")
     assert dataset.is_done("a") and not (tmp_path / "_parts").exists()
-    assert dataset.rows("a").equals(waiting)
+    assert dataset.table("a").read().equals(waiting)
     assert waiting.schema.equals(poses_schema())
     assert dataset.statuses("a") == ["localized", "localized", "localized", "ambiguous"]
 
@@ -175,7 +175,7 @@ def test_rows_are_those_of_the_table_of_poses_before_rounding(tmp_path, path):
     dataset = PosesDataset(tmp_path)
     dataset.add("a", epochs)
     write_poses(path, epochs)
-    found, rows = dataset.rows("a").to_pylist(), rows_of(path)
+    found, rows = dataset.table("a").read().to_pylist(), rows_of(path)
     assert found[0]["x"] == POSE.x and rows[0]["x"] == "549936.5193"
     assert (found[0]["protection_along"], found[0]["protection_across"]) == (0.1234567, None)
     assert found[0][COVARIANCES[0]] == (SOME.T @ SOME)[0, 0]

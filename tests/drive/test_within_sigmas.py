@@ -9,7 +9,7 @@ import pytest
 from court_drive import FRAME, seen, walls
 
 from maxcon import MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trajectory
-from maxcon.drive.within_sigmas import WithinSigmas
+from maxcon.drive.hypotheses import WithinSigmas
 from maxcon.errors import OptionError, TrajectoryError
 
 # 40 m by 26 m, one of its corners cut off.

@@ -19,8 +19,8 @@ from maxcon.io.trajectories import read_poses_of_scans, read_prior
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.run import Study
 from maxcon.map.manifest import read_manifest
-from maxcon.map.point_map import stored_ground
 from maxcon.map.storage import Folder
+from maxcon.map.store import stored_ground
 from maxcon.mapping.georeference import read_control_points
 from maxcon.scan.mounting import read_mounting
 

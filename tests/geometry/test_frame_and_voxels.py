@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from maxcon import LocalFrame, Pose
 from maxcon.errors import ArrayError
 from maxcon.geometry import voxel_centers, voxel_indices
-from maxcon.geometry.frame import INDEX_LIMIT
+from maxcon.geometry.pose import INDEX_LIMIT
 
 UTM = LocalFrame((458_800.0, 5_429_000.0, 100.0), "EPSG:25832")
 

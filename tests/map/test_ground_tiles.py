@@ -12,8 +12,8 @@ from maxcon.errors import MapError
 from maxcon.map import TILE_VOXELS
 from maxcon.map.ground import HEADROOM, GroundTile, ground_in_memory, ground_of_points, ground_patch, ground_voxels
 from maxcon.map.manifest import read_manifest
-from maxcon.map.point_map import stored_ground
 from maxcon.map.storage import Folder
+from maxcon.map.store import stored_ground
 
 SEEDS = st.integers(0, 2**32)
 CELL = 0.06

@@ -18,7 +18,6 @@ from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.lab.simulation.recordings import ODOMETRY, drive_messages
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import read_manifest
-from maxcon.mapping.update.evidence import classes_of
 from maxcon.scan.mounting import sensor_trajectory
 from recorded_drives import record_drive, transforms, write_entries
 from street_of_boxes import WALL, DriveOfBoxes, inside
@@ -55,7 +54,7 @@ def test_what_stands_stays_where_it_is_and_what_passed_is_gone(drive, built):
     tiles = [built.tile(key) for key in sorted(built.tile_keys)]
     points = np.concatenate([built.frame.to_global(tile.mean_points(built.cell)) for tile in tiles])
     normals = np.concatenate([tile.normals for tile in tiles])
-    is_gone = np.concatenate([classes_of(tile) for tile in tiles]) == SurfaceClass.GONE
+    is_gone = np.concatenate([tile.surface_classes for tile in tiles]) == SurfaceClass.GONE
     assert all(inside(points, box).sum() > 500 for box in (WALL, PARKED))
     assert not any((inside(points, box, margin=0.0) & is_gone).any() for box in (WALL, PARKED))
     trail = (points[:, 1] > PASSING[0] - 0.1) & (points[:, 1] < PASSING[1] + 0.1) & (points[:, 2] > 0.2)

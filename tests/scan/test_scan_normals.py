@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from maxcon import Scan
 from maxcon.io.scans import open_scans
-from maxcon.scan.normals import estimate_scan_normals
+from maxcon.scan.scan import estimate_scan_normals
 
 STREET = np.radians(31.0)
 GROUND = ((0.0, 0.0, 1.0), 1.7, (-2.0, 9.0))

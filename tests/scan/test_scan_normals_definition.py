@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from maxcon.scan import grid_kernels as grids
 from maxcon.scan import normal_kernels as rules
-from maxcon.scan.normals import estimate_scan_normals
+from maxcon.scan.scan import estimate_scan_normals
 from maxcon.scan.window_kernels import (
     BANDS,
     GROWTH,

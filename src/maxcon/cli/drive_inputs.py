@@ -28,11 +28,11 @@ from maxcon.cli.options import (
 )
 from maxcon.cli.terminal import step_bars
 from maxcon.drive.diagnosis import check_heights
+from maxcon.drive.hypotheses import WithinSigmas
 from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate, read_epoch, scan_of, track_drive
 from maxcon.drive.many import DriveEntry, DriveTask, ManyDrivesJob, tasks_of
 from maxcon.drive.motion import MotionNoise
 from maxcon.drive.tracker import Tracker
-from maxcon.drive.within_sigmas import WithinSigmas
 from maxcon.errors import MapError, MaxconError, OptionError, TrajectoryError
 from maxcon.integrity import Trust
 from maxcon.io.fixes import Heights, RecordedPoses

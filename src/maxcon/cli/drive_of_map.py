@@ -11,7 +11,7 @@ from maxcon.cli.terminal import step_bars
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
-    from maxcon.mapping.placed_scans import PlacedScans
+    from maxcon.mapping.derived_maps import PlacedScans
 
 
 HALF_A_TURN = 0.05  # s
@@ -64,7 +64,7 @@ class DriveOptions(OptionGroup, title="Scans instead of clouds"):
         from maxcon.io.recordings.recorded_scans import RecordedScans
         from maxcon.io.scans import open_scans
         from maxcon.io.trajectories import read_poses_of_scans
-        from maxcon.mapping.placed_scans import PlacedScans
+        from maxcon.mapping.derived_maps import PlacedScans
         from maxcon.scan.mounting import read_mounting
 
         mounting = None if self.mounting is None else read_mounting(self.mounting)

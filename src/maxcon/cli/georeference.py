@@ -101,8 +101,8 @@ def georeference(
     from maxcon.cli.map_words import print_manifest
     from maxcon.io.crs import metric_crs
     from maxcon.io.trajectories import read_trajectory, write_tum
+    from maxcon.mapping.derived_maps import move_map
     from maxcon.mapping.georeference import georeference as placed_by
-    from maxcon.mapping.moved_map import move_map
     from maxcon.plotting.poses import plot_residuals
 
     crs, level = metric_crs(what.crs), what.level_sigma_deg

@@ -15,7 +15,7 @@ from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import FORMAT_VERSION, Manifest
 from maxcon.mapping.align import Alignment
 from maxcon.mapping.build.options import class_name, found_ratios
-from maxcon.mapping.build.spacing import MARGIN
+from maxcon.mapping.build.point_statistics import MARGIN
 
 MOST_PAIRS = 15  # in the printed table; residuals.csv has all
 MOST_SOURCES = 20

@@ -168,7 +168,7 @@ def build(
     from maxcon.io.trajectories import read_trajectory
     from maxcon.map.storage import address_of
     from maxcon.mapping.build import Area, MapOptions, build_map
-    from maxcon.mapping.placed_scans import map_of_drive
+    from maxcon.mapping.derived_maps import map_of_drive
 
     if address := address_of(output.out):
         raise OptionError(
@@ -294,8 +294,8 @@ def info(what: MapToTell, view: ViewOptions) -> None:
     """Print what a map is made of, and show it."""
     from maxcon.cli.map_words import print_manifest
     from maxcon.map.manifest import read_manifest
-    from maxcon.map.point_map import stored_ground, stored_tiles
     from maxcon.map.storage import open_storage
+    from maxcon.map.store import stored_ground, stored_tiles
 
     view.check()
     files = open_storage(what.path)

@@ -34,11 +34,7 @@ Points = NDArray[np.float64]
 
 
 def check_heights(point_map: PointMap, prior: Trajectory, *, are_orthometric: bool = False) -> None:
-    """Refuse heights of a prior, taken as they are, that lie far above or below the map's ground.
-
-    TrajectoryError if the median of some poses inside the map does; without ground in the map there is nothing to tell.
-    The prior is in global coordinates, its heights above the geoid (`are_orthometric`) or the ellipsoid.
-    """
+    """Refuse heights of a prior (TrajectoryError) that lie far above or below the map's ground in the median."""
     median = above_ground(point_map, point_map.frame.to_local(prior.positions))
     if not (median < LOWEST or median > HIGHEST):
         return
@@ -96,10 +92,6 @@ def _scalar_first(prior: Pose) -> Pose:
     return replace(prior, roll=roll, pitch=pitch, heading=heading)
 
 
-def _of_compass(prior: Pose) -> Pose:
-    return replace(prior, heading=math.pi / 2.0 - prior.heading)
-
-
 def _angles_in(unit: str, factor: float) -> Alternative:
     words = f"the angles of the prior in {unit}"
     return Alternative(words, lambda prior: Pose(*prior.position.tolist(), *(factor * prior.values[3:]).tolist()))
@@ -137,7 +129,10 @@ ALTERNATIVES = (
     _turn("turned by 180 degrees", 0.0, 180.0),
     _turn("upside down", 180.0, 0.0),
     _turn("upside down and turned by 180 degrees", 180.0, 180.0),
-    Alternative("the headings of the prior those of a compass: a heading is 90 degrees less a bearing", _of_compass),
+    Alternative(
+        "the headings of the prior those of a compass: a heading is 90 degrees less a bearing",
+        lambda prior: replace(prior, heading=math.pi / 2.0 - prior.heading),
+    ),
     _angles_in("degrees: name their columns roll_deg, pitch_deg, heading_deg", math.pi / 180.0),
     _angles_in("radians: name their columns roll, pitch, heading", 180.0 / math.pi),
     MIRRORED,
@@ -153,8 +148,7 @@ def alternative_that_fits(
 ) -> str:
     """Return in words which alternative all epochs that are tried fit clearly better; empty if there is none to try.
 
-    Map, scans, method and options are those the drive was localized with. Where nearly all epochs are localized only
-    mirrored scans are tried, which fit streets that are alike on both sides.
+    Where nearly all are localized only mirrored scans are tried, which fit streets that are alike on both sides.
     """
     searched = [epoch for epoch in epochs if epoch.prior and epoch.status not in WITHOUT_SEARCH]
     n_localized = sum(epoch.pose_global is not None for epoch in epochs)

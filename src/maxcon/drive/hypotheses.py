@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Hypotheses of a tracker: where the sensor may be, what speaks for each, and where a scan is searched around it."""
+"""Where the sensor may be, what speaks for each place, and where a scan is searched by a covariance (D2)."""
 
 import math
 from collections.abc import Iterable
@@ -10,23 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.drive.motion import PLANAR, Motion, MotionNoise, UncertainPose
+from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
-from maxcon.geometry import Pose
+from maxcon.geometry import Pose, wrap_angle
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.scan import Scan
+from maxcon.scan.trajectory import Trajectory
 from maxcon.search.objectives import Helmert
 from maxcon.search.space import PAPER_CELL, PAPER_STEP_DEG, SearchSpace
 
 # Scans taken within this way see much the same surfaces: together they are held to say as much as one, m.
 WAY_OF_EVIDENCE = 2.0
-# What no scan matches is not worth nothing: the next scan may be hidden no longer.
-LEAST_RATIO = 0.1
-# A hypothesis worth less than this fraction of the best one is given up.
-LEAST_EVIDENCE = 0.05
+LEAST_RATIO = 0.1  # what no scan matches is not worth nothing: the next scan may be hidden no longer
+LEAST_EVIDENCE = 0.05  # A hypothesis worth less than this fraction of the best one is given up
 MOST_HYPOTHESES = 8
-# What has agreed for long is not doubted for one scan that is hidden, but for the third in a row.
-MOST_AGREEMENT = 4.0
+MOST_AGREEMENT = 4.0  # what has agreed for long is not doubted for one scan that is hidden, but for the third in a row
 # The share of a scan that agreed is averaged with those before, which weigh this. A scan of which less than this ratio
 # of the usual share matches is not of this place.
 USUAL_LASTS, LEAST_OF_USUAL = 0.8, 0.2
@@ -42,6 +41,9 @@ HEIGHTS_AND_TILTS = np.diag([np.inf, np.inf, HEIGHT_SIGMA**2, TILT_SIGMA**2, TIL
 PEAK_SIGMA, PEAK_HEADING_SIGMA = 0.1, math.radians(0.5)
 # A window of a larger half width (m) is not searched: only a prior helps then. Turns are not searched beyond.
 FARTHEST_REACH, LARGEST_TURN_DEG = 12.0, 10.0
+# A smaller space, m and degrees, saves no time, shows no place beyond the guard radius, and leaves out what no
+# covariance of a prior holds: the map's own shift, a lever arm, a clock that is 20 ms off at 50 km/h.
+SMALLEST_HALF_WIDTH, SMALLEST_TURN_DEG = 1.0, 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,31 +126,17 @@ def distance(one: UncertainPose, other: UncertainPose) -> float:
     return math.hypot(one.pose.x - other.pose.x, one.pose.y - other.pose.y)
 
 
-# --- where a scan is searched, and what it measures -----------------------------------------------------------
-
-
 def window(predicted: UncertainPose, sigmas: float, space: SearchSpace) -> SearchSpace:
-    """Return the window around a predicted pose in which a scan may find it: so many sigmas of the innovation.
-
-    Cells and steps are those of `space`, the wide one. A half width beyond `FARTHEST_REACH` only says so: it is cut at
-    twice that.
-    """
+    """Return the window of so many sigmas of the innovation around a prediction, at most twice `FARTHEST_REACH`."""
     return SearchSpace.from_covariance(
-        predicted.planar_covariance + np.diag(_cell_variances(space)[PLANAR]),
-        k=sigmas,
-        cell=space.cell,
-        heading_step_deg=space.heading_step_deg,
-        largest_half_width=2.0 * FARTHEST_REACH,
+        predicted.planar_covariance + np.diag(_cell_variances(space)[PLANAR]), k=sigmas, cell=space.cell,
+        heading_step_deg=space.heading_step_deg, largest_half_width=2.0 * FARTHEST_REACH,
         largest_heading_half_width_deg=max(LARGEST_TURN_DEG, space.heading_half_width_deg),
-    )
+    )  # fmt: skip
 
 
 def measured_covariance(estimate: Estimate, space: SearchSpace) -> NDArray[np.float64]:
-    """Covariance of an estimate as a measurement, shape (6, 6): its own, or a best cell's where it has none.
-
-    A best cell measures x, y and heading: within the cell and the step any value is as likely (edge / sqrt(12)), and
-    map and scan add 2 cm and 0.1 degrees.
-    """
+    """Covariance of an estimate as a measurement, (6, 6): its own, else that of a cell (edge / sqrt(12))."""
     is_known = np.isfinite(np.diag(estimate.covariance)[PLANAR]).all()
     return estimate.covariance if is_known else np.diag(_cell_variances(space))
 
@@ -161,17 +149,13 @@ def _cell_variances(space: SearchSpace) -> NDArray[np.float64]:
     return np.array([offset, offset, np.inf, np.inf, np.inf, turn])
 
 
-# --- candidates of a wide search ------------------------------------------------------------------------------
-
-
 def find_candidates(
     method: MaximumConsensus, space: SearchSpace, scan: Scan, point_map: PointMap, prior: Pose, ratio: float
 ) -> list[Hypothesis]:
     """Return the places in a space around a prior that score at least a ratio of the best one, the best first.
 
-    Each is a hypothesis whose evidence is that ratio. They lie farther apart than the guard radius of the method, whose
-    own space is not used. Where branch and bound proves that no other place scores so much, that is all. Where it does
-    not, every cell is scored; of a wide space the places that it left open.
+    They lie farther apart than the guard radius, and that ratio is their evidence. Where branch and bound does not
+    prove that there are no others, every cell is scored; of a wide space the places that it left open.
     """
     asked = replace(method, space=space, trust=replace(method.trust, largest_runner_up=ratio), refinement=False)
     best = asked.localize(scan, point_map, prior)
@@ -204,3 +188,67 @@ def _at_peak(pose: Pose, ratio: float) -> Hypothesis:
     """A pose with what is known of it before a scan is compared with the map there closely."""
     sigmas = [PEAK_SIGMA, PEAK_SIGMA, HEIGHT_SIGMA, TILT_SIGMA, TILT_SIGMA, PEAK_HEADING_SIGMA]
     return Hypothesis(UncertainPose(pose, np.diag(np.square(sigmas))), evidence=ratio)
+
+
+@dataclass(frozen=True)
+class WithinSigmas:
+    """A method that searches so many standard deviations of each prior, and wider where its answer is in doubt."""
+
+    # What searches. Cells, steps and heights of its space are taken over; all of it is searched where it is not known
+    # how well a prior is known.
+    method: MaximumConsensus
+    prior: Trajectory  # whose covariance, at the time of a scan, makes the space around its prior
+    sigmas: float = 3.0  # half widths in standard deviations; 1 m and 1 degree at least
+    largest_half_width: float = 24.0  # no space is larger, m, and no answer in doubt is searched for farther around
+    max_gap: float = 0.5  # largest time between two poses of the prior to interpolate across, s
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.largest_half_width < math.inf:
+            raise OptionError(f"Expected a largest half width above 0 m, got {self.largest_half_width}. Default: 24 m.")
+
+    def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+        """Find the pose of a scan around its prior, local frame; TrajectoryError if the trajectory has no pose then."""
+        covariance = self.prior.covariance_at(scan.time, self.max_gap)
+        estimate = self.at(scan.time).localize(scan, point_map, prior)
+        if covariance is None:
+            return estimate
+        reasons = self._reasons(estimate, prior, covariance)
+        return replace(estimate, reason="; ".join(filter(None, [*reasons, estimate.reason])))
+
+    def at(self, time: float) -> MaximumConsensus:
+        """Return what searches at a time, s."""
+        covariance = self.prior.covariance_at(time, self.max_gap)
+        if covariance is None:
+            return self.method
+        return replace(self.method, space=self.space(covariance), widest=self.largest_half_width)
+
+    def space(self, covariance: NDArray[np.float64]) -> SearchSpace:
+        """Return the space of a covariance of x, y and heading, shape (3, 3)."""
+        usual = self.method.space
+        space = SearchSpace.from_covariance(
+            covariance, k=self.sigmas, cell=usual.cell, heading_step_deg=usual.heading_step_deg,
+            smallest_half_width=SMALLEST_HALF_WIDTH, smallest_heading_half_width_deg=SMALLEST_TURN_DEG,
+            largest_half_width=self.largest_half_width,
+        )  # fmt: skip
+        return replace(space, height_half_width=usual.height_half_width)
+
+    def reach(self, covariance: NDArray[np.float64]) -> float:
+        """Return so many standard deviations of x or y, the larger of the two, m: it may be more than is searched."""
+        return self.sigmas * math.sqrt(max(covariance[0, 0], covariance[1, 1]))
+
+    def _reasons(self, estimate: Estimate, prior: Pose, covariance: NDArray[np.float64]) -> list[str]:
+        """Why an answer is to be doubted because of the covariance, or the covariance because of the answer."""
+        space, reach, reasons = self.space(covariance), self.reach(covariance), []
+        if reach > self.largest_half_width:
+            reasons.append(
+                f"{self.sigmas:g} sigma of the prior are {reach:.0f} m, searched were {space.half_width:g} m"
+            )
+        offset = max(abs(estimate.pose.x - prior.x), abs(estimate.pose.y - prior.y))
+        turn_deg = math.degrees(abs(wrap_angle(estimate.pose.heading - prior.heading)))
+        is_beyond = offset > space.half_width or turn_deg > space.heading_half_width_deg
+        if estimate.is_localized and estimate.was_widened and is_beyond:
+            reasons.append(
+                f"{offset:.1f} m and {turn_deg:.1f} degrees from the prior, searched first were"
+                f" {space.half_width:.1f} m and {space.heading_half_width_deg:.1f} degrees: are its sigmas too small?"
+            )
+        return reasons

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: MIT
 """A drive, epoch after epoch: localized from priors of a trajectory, tracked, or found in the whole map without any."""
 
-from __future__ import annotations
-
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -88,7 +87,7 @@ class EpochEstimate:
     reason: str = ""
     crs: str = ""
 
-    def without_points(self) -> EpochEstimate:
+    def without_points(self) -> "EpochEstimate":
         """Return the same answer without the points, to keep over a long drive."""
         nothing = np.empty((0, 3))
         return replace(
@@ -104,20 +103,15 @@ def localize_drive(
 ) -> Iterator[EpochEstimate]:  # fmt: skip
     """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
 
-    - point_map: the map.
-    - scans: the scans; as many as threads are in memory at a time, and one more.
+    - scans: as many as threads are in memory at a time, and one more.
     - prior: T_map_sensor before localization, global coordinates in the CRS of the map.
-    - method: how each is localized.
-    - options: range limits and the largest gap of the prior.
     - first: number of the epoch to begin with.
     - n_threads: epochs localized at the same time; the answers and their order do not depend on it (D8). Each then
       takes longer than by itself.
 
     TrajectoryError if the prior has no pose for any scan; MapError if the prior lies outside the map at every scan, or
-    a tile cannot be read; OptionError if there is less than one thread.
-
-    A scan that cannot be read, or whose prior cannot be searched around, is an epoch with a status and the reason, and
-    the drive goes on.
+    a tile cannot be read; OptionError if there is less than one thread. A scan that cannot be read, or whose prior
+    cannot be searched around, is an epoch with a status and the reason, and the drive goes on.
     """
     if n_threads < 1:
         raise OptionError(f"Expected `n_threads` >= 1, got {n_threads}. The default is 1.")
@@ -126,21 +120,13 @@ def localize_drive(
 
 
 def track_drive(
-    point_map: PointMap,
-    scans: Scans,
-    prior: Trajectory,
-    tracker: Tracker,
-    odometry: Trajectory | None = None,
+    point_map: PointMap, scans: Scans, prior: Trajectory, tracker: "Tracker", odometry: Trajectory | None = None,
     options: DriveOptions | None = None,
-) -> Iterator[EpochEstimate]:
+) -> Iterator[EpochEstimate]:  # fmt: skip
     """Return an iterator over the estimates of all scans, each searched where the one before and the motion allow.
 
-    Other parameters and errors as of `localize_drive`. A scan whose motion is not known is an epoch with that status.
-
-    prior: may have gaps: it is needed where the track begins, and tells a wrong one.
-    tracker: how each is localized; its noise is that of the motion's source.
-    odometry: source of the motion between scans, T_odometry_sensor: in any frame, and drifting. Without it the prior
-        is. TrajectoryError if it has no pose for any scan.
+    `prior` may have gaps: it begins a track, and tells a wrong one. Motion is that of `odometry`, T_odometry_sensor in
+    any frame, or of the prior; errors as of `localize_drive`.
     """
     options = options or DriveOptions()
     poses = priors = _priors_of_scans(point_map, scans, prior, options)
@@ -156,14 +142,9 @@ def track_drive(
 
 
 def tracked_epoch(
-    point_map: PointMap, tracker: Tracker, epoch: int, read: Read, own: Pose | None, motion: Motion | None
+    point_map: PointMap, tracker: "Tracker", epoch: int, read: Read, own: Pose | None, motion: Motion | None
 ) -> EpochEstimate:
-    """Return the answer of a tracker for its next scan.
-
-    epoch, read: number of the scan; its points, or the reason why they cannot be read, as `read_epoch` returns them.
-    own: its prior, local frame, if there is one.
-    motion: since the last scan whose motion was known; None if it is not.
-    """
+    """Return a tracker's answer for a scan of `read_epoch`, its `own` prior (local frame) and its motion, if known."""
     if motion is not None:
         tracker.move(motion)
     expected = own if tracker.prediction is None else tracker.prediction.pose
@@ -193,13 +174,9 @@ def _motions(times: Sequence[float], poses: Sequence[Pose | None]) -> list[Motio
 
 
 def relocalize_drive(
-    scans: Scans, relocalizer: Relocalizer, options: DriveOptions | None = None, *, first: int = 0
+    scans: Scans, relocalizer: "Relocalizer", options: DriveOptions | None = None, *, first: int = 0
 ) -> Iterator[EpochEstimate]:
-    """Return an iterator over the estimates of all scans, each looked for without a prior, in order of time.
-
-    MapError, before the first, if there is no ground in the map where scanners are looked for; parameters as of
-    `localize_drive`.
-    """
+    """Return an iterator over the estimates of all scans without a prior; MapError if a scanner may stand nowhere."""
     options = options or DriveOptions()
     relocalizer.check()
 
@@ -215,10 +192,7 @@ def relocalize_drive(
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A drive whose epochs can be localized in any order, each by itself; parameters as of `localize_drive`.
-
-    Its `priors` are those of the scans, local frame, None where there is none.
-    """
+    """A drive whose epochs can be localized in any order, each from its own of the `priors` (local frame)."""
 
     point_map: PointMap
     scans: Scans
@@ -228,7 +202,7 @@ class Drive:
     priors: list[Pose | None]
 
     @classmethod
-    def of(cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions) -> Drive:
+    def of(cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions) -> "Drive":
         """Return a drive with its priors found; errors as of `localize_drive`."""
         return cls(point_map, scans, prior, method, options, _priors_of_scans(point_map, scans, prior, options))
 
@@ -266,18 +240,10 @@ class Drive:
 
 
 def _answered(
-    epoch: int,
-    read: Read,
-    prior: Pose | None,
-    point_map: PointMap,
-    refused: Callable[[Scan], tuple[Status | None, str]],
-    localize: Callable[[Scan], Estimate | None],
-) -> EpochEstimate:
-    """Return the answer for a scan as `read_epoch` returns it, timed; global coordinates if it is localized.
-
-    `refused` says why a scan is not searched for, if so. A prior or points with numbers that no map can hold (z = 1e9
-    m) get a status, and so does a track without a pose.
-    """
+    epoch: int, read: Read, prior: Pose | None, point_map: PointMap,
+    refused: Callable[[Scan], tuple[Status | None, str]], localize: Callable[[Scan], Estimate | None],
+) -> EpochEstimate:  # fmt: skip
+    """Return the timed answer for a scan of `read_epoch`; numbers that no map can hold get a status, not an error."""
     raw, reason = read
     scan = scan_of(raw)
     status, reason = (Status.UNREADABLE, reason) if reason else refused(scan)
@@ -317,9 +283,6 @@ def read_epoch(scans: Scans, epoch: int, options: DriveOptions) -> Read:
 
 def _nothing_read(epoch: int, scans: Scans) -> RawScan:
     return RawScan(np.empty((0, 3)), float(scans.times[epoch]), scans.name(epoch), 0, 0, 0)
-
-
-# --- priors ---------------------------------------------------------------------------------------------------
 
 
 def status_without_search(point_map: PointMap, scan: Scan, *priors: Pose | None) -> Status | None:
@@ -363,11 +326,8 @@ def _poses_of_scans(scans: Scans, trajectory: Trajectory, options: DriveOptions,
 
 def _clocks_in_words(first: float, other: float) -> str:
     """What two first times, s, that lie apart suggest: another unit, or whole hours between clocks."""
-    for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
-        for which, ratio in (
-            ("the trajectory's", other / first if first else 0.0),
-            ("the scans'", first / (other or 1)),
-        ):
+    for which, ratio in (("the trajectory's", other / (first or math.inf)), ("the scans'", first / (other or 1.0))):
+        for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
             if abs(ratio / factor - 1.0) < 0.01:
                 return f"It looks as if {which} times were in {unit}. "
     hours = round((other - first) / 3600.0)

@@ -35,22 +35,13 @@ EPOCHS_PER_TASK = 32  # neighbouring epochs need the same tiles; but all of a ta
 MOST_MAPS, MOST_DRIVES = 4, 2  # most maps, and most drives, that a worker keeps open
 
 
-# --- the table of drives --------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
 class DriveEntry:
-    """Where the parts of a drive are.
+    """Where the parts of a drive are; prior, times and odometry as `maxcon localize` takes them."""
 
-    name: different from that of all other drives.
-    scans: a folder, or a recording.
-    map: the map it is localized in: a folder, or a URL.
-    prior, times, odometry: as `maxcon localize` takes them.
-    """
-
-    name: str
-    scans: Path
-    map: Path | str
+    name: str  # different from that of all other drives
+    scans: Path  # a folder, or a recording
+    map: Path | str  # that it is localized in: a folder, or a URL
     prior: Path | None = None
     times: Path | None = None
     odometry: Path | None = None
@@ -72,22 +63,25 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def read_drives(path: str | os.PathLike[str], map_folder: Path | str | None = None) -> list[DriveEntry]:
-    """Return the drives of a table; paths in it are relative to its folder. FileError if it is none.
-
-    path: CSV with a header, of `name`, `scans` and, as far as needed, `prior`, `map`, `times`, `odometry`; or TOML with
-        a table `[[drive]]` of the same keys for each.
-    map_folder: the map of drives that name none.
-    """
+    """Return the drives of a table, CSV or TOML with [[drive]], paths relative to it; FileError if it is none."""
     file = Path(path)
+    folder = file.parent.absolute()
     values = read_toml(file, WHAT, ADVICE) if file.suffix.lower() == ".toml" else {"drive": _csv_rows(file)}
-    rows = checked(values, _Table, file, WHAT, ADVICE).drive
-    seen: set[str] = set()
-    for row in rows:
-        folded = row.name.casefold()  # some file systems do not tell case apart
-        if folded in seen:
+    entries = dict[str, DriveEntry]()
+    for row in checked(values, _Table, file, WHAT, ADVICE).drive:
+        name = row.name.casefold()  # some file systems do not tell case apart
+        if name in entries:
             raise FileError(f"Expected a name of its own for each drive in {file}, got {row.name!r} twice. Rename one.")
-        seen.add(folded)
-    return [_entry(file, row, map_folder) for row in rows]
+        prior, own_map, times, odometry = (
+            folder / place if place else None for place in (row.prior, row.map, row.times, row.odometry)
+        )
+        map_ = row.map if "://" in row.map else own_map or map_folder
+        if map_ is None:
+            raise FileError(
+                f"Expected a map for drive {row.name} in {file}, got none. Name it there, or one MAP for all."
+            )
+        entries[name] = DriveEntry(row.name, folder / row.scans, map_, prior, times, odometry)
+    return list(entries.values())
 
 
 def _csv_rows(file: Path) -> list[dict[str, str]]:
@@ -95,20 +89,6 @@ def _csv_rows(file: Path) -> list[dict[str, str]]:
     if table.faults:
         raise FileError(table.told_faults()[0])
     return [dict(zip(table.names, row, strict=True)) for row in table.rows]
-
-
-def _entry(file: Path, row: _Row, map_folder: Path | str | None) -> DriveEntry:
-    def path(place: str) -> Path | None:
-        return file.parent.absolute() / place if place else None
-
-    own_map = row.map if "://" in row.map else path(row.map) or map_folder
-    if own_map is None:
-        raise FileError(f"Expected a map for drive {row.name} in {file}, got none. Name it there, or one MAP for all.")
-    scans = file.parent.absolute() / row.scans
-    return DriveEntry(row.name, scans, own_map, path(row.prior), path(row.times), path(row.odometry))
-
-
-# --- epochs of drives as tasks --------------------------------------------------------------------------------
 
 
 class OpenedDrive(Protocol):
@@ -196,42 +176,25 @@ class ManyDrivesJob:
         return [failed_epoch(epoch, scans, reason) for epoch in range(task.first, task.last)]
 
 
-# --- a run ----------------------------------------------------------------------------------------------------
-
-
 @dataclass(slots=True)
 class Localized:
-    """Summary of a run over many drives.
+    """Summary of a run over many drives; `n_new` epochs were localized by it, `refused` says why a drive was not."""
 
-    n_drives, n_epochs, n_localized: drives in the dataset, their epochs, and those of them with the status "localized".
-    n_new: epochs localized by this call.
-    refused: why a drive cannot be localized, by its name.
-    """
-
-    n_drives: int = 0
+    n_drives: int = 0  # in the dataset
     n_epochs: int = 0
-    n_localized: int = 0
+    n_localized: int = 0  # epochs with the status "localized"
     n_new: int = 0
     refused: dict[str, str] = field(default_factory=dict)
 
 
 def localize_drives(
-    entries: Sequence[DriveEntry],
-    job: ManyDrivesJob,
-    out: str | os.PathLike[str],
-    engine: Engine | None = None,
+    entries: Sequence[DriveEntry], job: ManyDrivesJob, out: str | os.PathLike[str], engine: Engine | None = None,
     progress: Progress | None = None,
-) -> Localized:
+) -> Localized:  # fmt: skip
     """Localize drives into a Parquet dataset; drives and epochs that it has already are not localized again.
 
-    A drive that cannot be localized is in `refused`; the others are localized all the same. FileError or OptionError if
-    the folder cannot be written, holds something else, or was made with other options.
-
-    entries: the drives.
-    job: how they are localized.
-    out: folder of the dataset; made if it is not there.
-    engine: who does the work; all processors of this machine if None.
-    progress: called with (step, done, of how many).
+    A drive that cannot be localized is in `refused`. FileError or OptionError if the folder cannot be written, holds
+    something else, or was made with other options.
     """
     dataset = PosesDataset(Path(out))
     with work_folder(dataset.folder, "poses of drives", OPTIONS):
@@ -255,13 +218,9 @@ def localize_drives(
 
 
 def _localize_missing(
-    todo: Sequence[DriveEntry],
-    job: ManyDrivesJob,
-    dataset: PosesDataset,
-    engine: Engine,
-    done: Localized,
+    todo: Sequence[DriveEntry], job: ManyDrivesJob, dataset: PosesDataset, engine: Engine, done: Localized,
     progress: Progress,
-) -> None:
+) -> None:  # fmt: skip
     """Localize the epochs of drives that the dataset lacks; each is published with the last of them."""
     n_missing: dict[str, int] = {}
 
@@ -272,7 +231,8 @@ def _localize_missing(
         except MaxconError as error:
             done.refused[entry.name] = str(error)
             return
-        missing = np.setdiff1d(np.arange(n_epochs), dataset.rows(entry.name).column("epoch").to_numpy()).tolist()
+        there = dataset.table(entry.name).read().column("epoch").to_numpy()
+        missing = np.setdiff1d(np.arange(n_epochs), there).tolist()
         if job.opener.is_track:
             missing = list(range(n_epochs)) if missing else []
         n_missing[entry.name] = len(missing)

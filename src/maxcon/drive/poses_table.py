@@ -9,7 +9,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -79,17 +79,10 @@ def localized_trajectory(epochs: Sequence[EpochEstimate]) -> Trajectory | None:
     return Trajectory.from_poses([time for time, _ in found], [pose for _, pose in found]) if found else None
 
 
-# --- POSES.csv ------------------------------------------------------------------------------------------------
-
-
 def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -> None:
-    """Write time (s), pose (global, m, rad), score, status and milliseconds of every epoch, and how sure it is.
+    """Write POSES.csv of epochs; FileError if it cannot be written.
 
-    Names that end in `_deg` are degrees. A shift is the answer less its prior. How sure: standard deviations, the
-    protection level along and across the heading, m, and the upper triangle of the covariance of x, y, z,
-    roll, pitch and heading, row by row, axes of the CRS, m^2, m rad and rad^2. Pose, level and covariance are empty
-    unless the status is "localized": a row cannot be mistaken for a pose. The reason is empty where the status says
-    all. FileError if it cannot be written.
+    Pose, level and covariance are empty unless the status is "localized": a row cannot be mistaken for a pose.
     """
     with atomic_file(path) as partial:
         partial.write_bytes(_encoded([COLUMNS]) + _encoded(map(_cells, epochs)))
@@ -117,10 +110,7 @@ class RowsThere:
 
 
 def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> RowsThere:
-    """Return the part of a table of scans at `times` (s) that has been written; empty if there is no file.
-
-    FileError if it cannot be read, or its rows are not those of the first scans.
-    """
+    """Return the part of a table of scans at `times` (s) that was written; FileError if it is of other scans."""
     n_rows, n_localized, n_bytes = -1, 0, 0  # the header is none
     line = b""
     try:
@@ -149,21 +139,19 @@ def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> Rows
     return RowsThere(n_rows, n_localized, n_bytes)
 
 
-class GrowingTable(AbstractContextManager["GrowingTable"]):
-    """POSES.csv while a drive is localized: the row of each epoch is in the file once that is done.
+class GrowingTable(ExitStack):
+    """POSES.csv while a drive is localized: each row is in the file once its epoch is done, to go on with after a kill.
 
-    The first row makes the file, or replaces the one that was there, in one step; each other one is appended. What is
-    there when the process is killed can be gone on with. Rows of scans that cannot be read wait for the first that can:
-    where there is none, nothing is written.
+    The first row makes or replaces the file. Rows of scans that cannot be read wait for the first that can.
     """
 
     def __init__(self, path: str | os.PathLike[str], there: RowsThere | None = None) -> None:
         """Begin a table anew, or go on with the rows `there`."""
+        super().__init__()
         self._path = Path(path)
         self._there = there or RowsThere()
         self._waiting: list[EpochEstimate] = []
         self._file: BinaryIO | None = None
-        self._stack = ExitStack()
         self.n_rows = self._there.n_rows
         """Rows in the file."""
 
@@ -175,10 +163,10 @@ class GrowingTable(AbstractContextManager["GrowingTable"]):
         rows, self._waiting = self._waiting, []
         if self._file is None:
             lock = self._path.with_name(f".{self._path.name}.lock")
-            self._stack.enter_context(locked(lock, f"the table {self._path}"))
+            self.enter_context(locked(lock, f"the table {self._path}"))
             if self.n_rows == 0:
                 write_poses(self._path, rows)
-            self._file = self._stack.enter_context(self._path.open("ab"))
+            self._file = self.enter_context(self._path.open("ab"))
             if self.n_rows > 0:
                 self._file.truncate(self._there.n_bytes)
         if self.n_rows > 0:
@@ -197,12 +185,6 @@ class GrowingTable(AbstractContextManager["GrowingTable"]):
                 f"Expected to be able to write a row to {self._path}, got: {error.strerror}. Make room for it."
             ) from error
 
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
-
-
-# --- many drives ----------------------------------------------------------------------------------------------
-
 
 def poses_schema() -> "pyarrow.Schema":
     """Arrow schema of the poses: the columns of POSES.csv."""
@@ -213,10 +195,7 @@ def poses_schema() -> "pyarrow.Schema":
 
 
 class PosesDataset:
-    """The dataset in a folder. A drive is published once all its epochs are done; until then its rows are in _parts.
-
-    folder: `drive=NAME/poses.parquet` for each drive.
-    """
+    """A folder of `drive=NAME/poses.parquet`, each published once complete; until then its rows are in _parts."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -239,10 +218,6 @@ class PosesDataset:
     def add(self, name: str, epochs: Sequence[EpochEstimate]) -> None:
         """Write rows of a drive that is not done yet; FileError if they cannot be written."""
         self.table(name).add([pose_values(epoch) for epoch in epochs])
-
-    def rows(self, name: str) -> "pyarrow.Table":
-        """Return the rows of a drive that have been written, done or not, by epoch; FileError if a file is broken."""
-        return self.table(name).read()
 
     def statuses(self, name: str) -> list[str]:
         """Return the status of each epoch of a drive that is done; no other column is read."""
@@ -300,10 +275,7 @@ class PosesDataset:
 
 
 def table_of_drive(folder: Path, name: str | None) -> Path:
-    """Return the file with the poses of a drive in a dataset; of the only one there, if none is named.
-
-    OptionError if the drive is not in it, or not done, or none is named of several.
-    """
+    """Return the file with the poses of a drive that is done in a dataset, of the only one if none is named."""
     names = sorted(path.parent.name.removeprefix("drive=") for path in folder.glob("drive=*/poses.parquet"))
     if (name is None and len(names) == 1) or name in names:
         return PosesDataset(folder).table(name or names[0]).path

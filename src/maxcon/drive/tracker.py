@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Tracker: localizes scan after scan, each only where the one before and the motion since allow it to be."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 
@@ -37,10 +35,8 @@ RATIO_AT_FIRST = 0.5
 NEWCOMER = 0.1
 # Of several places the best is not believed before all others are worth less than this; then it is for longer.
 TOLD_APART = 0.5
-# A scan that fits best at the rim of its window is compared again in one of so many times its width.
-WIDER = 3.0
-# A vehicle that stands looks widely as often as one that walks, m/s.
-WALKING_PACE = 1.0
+WIDER = 3.0  # A scan that fits best at the rim of its window is compared again in one of so many times its width
+WALKING_PACE = 1.0  # A vehicle that stands looks widely as often as one that walks, m/s
 UNKNOWN = np.diag([np.inf, np.inf])
 
 
@@ -119,18 +115,10 @@ class Tracker:
         self._outside += motion.distance
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> Estimate | None:
-        """Find the pose of a scan.
+        """Find the pose of a scan (sensor frame); the filter's, with its covariance. None without a track and a prior.
 
-        - scan: points of one epoch, sensor frame.
-        - point_map: the map; its voxel edge is that of the method's space.
-        - prior: T_map_sensor from another source such as GNSS, local frame, if there is one. It begins a track, and
-          tells a wrong one.
-
-        Returns
-        -------
-        Estimate or None
-            The pose is the filter's, with its covariance; `runner_up` is the evidence of the second hypothesis over
-            that of the first. None where there is neither a track nor a prior.
+        `prior` is T_map_sensor from another source such as GNSS, local frame, if there is one: it begins a track, and
+        tells a wrong one. `runner_up` is the evidence of the second hypothesis over that of the first.
         """
         hypotheses, is_new = self._widely(scan, point_map, prior)
         compared = [self._followed(each, scan, point_map, prior) for each in hypotheses]

@@ -16,8 +16,8 @@ from maxcon.export.placed_scans import las_writer
 from maxcon.geometry import LocalFrame
 from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import Manifest, read_manifest
-from maxcon.map.point_map import stored_ground, stored_tiles
 from maxcon.map.storage import open_storage
+from maxcon.map.store import stored_ground, stored_tiles
 from maxcon.map.tile import VoxelTile
 
 MAP_SUFFIXES = (".laz", ".las", ".ply")

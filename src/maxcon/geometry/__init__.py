@@ -2,8 +2,15 @@
 # SPDX-License-Identifier: MIT
 """Poses, frames and voxels."""
 
-from maxcon.geometry.frame import LocalFrame, voxel_centers, voxel_indices
-from maxcon.geometry.pose import Pose, interpolate_poses, rotation_matrices, wrap_angle
+from maxcon.geometry.pose import (
+    LocalFrame,
+    Pose,
+    interpolate_poses,
+    rotation_matrices,
+    voxel_centers,
+    voxel_indices,
+    wrap_angle,
+)
 
 __all__ = [
     "LocalFrame", "Pose", "interpolate_poses", "rotation_matrices", "voxel_centers", "voxel_indices", "wrap_angle",

@@ -11,8 +11,7 @@ from maxcon.errors import ArrayError, SearchSpaceError
 
 # A float32 unit vector read from a file is off by 1e-7; files with 2 to 3 decimals are off by 1e-3.
 UNIT_TOLERANCE = 5e-3
-# Covariances in files have some six digits: smaller asymmetries and negative eigenvalues are rounding.
-ROUNDING = 1e-6
+ROUNDING = 1e-6  # covariances in files have some six digits: smaller asymmetries and negative eigenvalues are rounding
 
 
 def as_points(values: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -47,10 +46,7 @@ def as_unit_normals(values: ArrayLike, n_points: int, name: str) -> NDArray[np.f
 
 
 def first_covariance_fault(matrices: NDArray[np.float64]) -> tuple[int, str] | None:
-    """Return the first matrix that cannot be a covariance, its number and why, or None if all can.
-
-    matrices: shape (n, 3, 3), of x, y and heading: m^2, m rad and rad^2.
-    """
+    """Return the number of the first matrix (n, 3, 3) of x, y and heading that is no covariance, and why; or None."""
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     finite = np.where(is_finite[:, None, None], matrices, 0.0)
     variances = np.diagonal(finite, axis1=1, axis2=2)
@@ -72,10 +68,7 @@ def first_covariance_fault(matrices: NDArray[np.float64]) -> tuple[int, str] | N
 
 
 def sigmas_of(covariance: ArrayLike) -> NDArray[np.float64]:
-    """Standard deviations of x, y (m) and heading (rad), shape (3,), of a prior's covariance, shape (3, 3).
-
-    A SearchSpaceError if it cannot be a covariance.
-    """
+    """Standard deviations (3,) of a covariance (3, 3) of x, y (m) and heading (rad); else a SearchSpaceError."""
     try:
         matrix = np.asarray(covariance, dtype=np.float64)
     except (TypeError, ValueError):
@@ -92,10 +85,7 @@ def sigmas_of(covariance: ArrayLike) -> NDArray[np.float64]:
 
 
 def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
-    """Return the array in one piece, as a view that cannot be written.
-
-    Arrays of a tile that was read cannot be written, those in memory can: kernels would be compiled for either.
-    """
+    """Return the array in one piece, read-only: kernels would be compiled once more for arrays that can be written."""
     view = np.ascontiguousarray(array).view()
     view.flags.writeable = False
     return view

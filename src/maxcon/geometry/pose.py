@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Pose: where the sensor is and how it is turned, R = Rz(heading) Ry(pitch) Rx(roll) (D1, D2); and poses between."""
-
-from __future__ import annotations
+"""Poses, R = Rz(heading) Ry(pitch) Rx(roll) (D2), and those between; the local frame of a map (D1), voxels (D4)."""
 
 import math
 from collections.abc import Callable
@@ -18,6 +16,7 @@ from maxcon.geometry.arrays import as_points
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
+INDEX_LIMIT = 2**30  # indices stay in int32 with room for a search space on every side: at 6 cm that is 64,000 km
 Angle = TypeVar("Angle", float, NDArray[np.float64])
 
 
@@ -28,10 +27,7 @@ def wrap_angle(angle: Angle) -> Angle:
 
 
 def rotation_matrices(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
-    """Rotation matrices Rz(heading) Ry(pitch) Rx(roll), shape (..., 3, 3), of angles of shape (...), rad (D2).
-
-    Each maps sensor axes to map axes.
-    """
+    """Rotation matrices Rz(heading) Ry(pitch) Rx(roll), (..., 3, 3), sensor to map axes, of angles (...), rad (D2)."""
     if isinstance(roll, float) and isinstance(pitch, float) and isinstance(heading, float):
         return np.array(_rows(math.cos, math.sin, roll, pitch, heading))  # ten times as fast
     roll, pitch, heading = np.broadcast_arrays(
@@ -99,46 +95,46 @@ class Pose:
         points = as_points(points_sensor, "points_sensor")
         return points @ self.rotation.T + self.position
 
-    def translated(self, offset: ArrayLike) -> Pose:
+    def translated(self, offset: ArrayLike) -> "Pose":
         """Return the same orientation at a position moved by `offset`, shape (3,), m."""
         x, y, z = self.position + np.asarray(offset, dtype=np.float64)
         return Pose(x, y, z, self.roll, self.pitch, self.heading)
 
-    def less(self, other: Pose) -> NDArray[np.float64]:
+    def less(self, other: "Pose") -> NDArray[np.float64]:
         """Return the values less those of another pose, shape (6,), m and rad, turns within [-pi, pi)."""
         difference = self.values - other.values
         difference[3:] = wrap_angle(difference[3:])
         return difference
 
-    def with_height_and_tilt_of(self, other: Pose) -> Pose:
+    def with_height_and_tilt_of(self, other: "Pose") -> "Pose":
         """Return the pose at this x, y and heading with the z, roll and pitch of another."""
         return Pose(self.x, self.y, other.z, other.roll, other.pitch, self.heading)
 
     @classmethod
-    def from_rotation(cls, position: ArrayLike, rotation: NDArray[np.float64]) -> Pose:
+    def from_rotation(cls, position: ArrayLike, rotation: NDArray[np.float64]) -> "Pose":
         """Return the pose of a position, shape (3,), m, and a rotation matrix, shape (3, 3)."""
         x, y, z = np.asarray(position, dtype=np.float64).tolist()
         roll = math.atan2(rotation[2, 1], rotation[2, 2])
         pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
         return cls(x, y, z, roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0]))
 
-    def __matmul__(self, other: Pose) -> Pose:
+    def __matmul__(self, other: "Pose") -> "Pose":
         """T_a_c from T_a_b (this one) and T_b_c: the pose after a motion given in this pose's own axes."""
         return Pose.from_rotation(self.apply(other.position[None])[0], self.rotation @ other.rotation)
 
     @property
-    def inverse(self) -> Pose:
+    def inverse(self) -> "Pose":
         """T_b_a of this T_a_b."""
         return Pose.from_rotation(-self.rotation.T @ self.position, self.rotation.T)
 
 
 def interpolate_poses(
     times: NDArray[np.float64], positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], wanted: ArrayLike
-) -> tuple[NDArray[np.float64], Rotation]:
-    """Positions, shape (n, 3), and n rotations at wanted times, between poses at increasing times, shape (m,), s.
+) -> tuple[NDArray[np.float64], "Rotation"]:
+    """Positions (n, 3) and n rotations at wanted times, between poses at increasing times (m,), s.
 
     Positions are linear, turns take the shortest arc; beyond the ends both go on as between the two poses there. One
-    pose stands at all times. The callers say how large a gap, or how far beyond the ends, is too far.
+    pose stands at all times.
     """
     from scipy.spatial.transform import Rotation
 
@@ -163,10 +159,7 @@ def quaternions_from_angles(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLik
 
 
 def angles_from_quaternions(quaternions_xyzw: ArrayLike) -> NDArray[np.float64]:
-    """Roll, pitch and heading, shape (..., 3), rad, of unit quaternions (x, y, z, w), shape (..., 4).
-
-    Pitch is in [-pi/2, pi/2]. Where it is +-pi/2, roll and heading turn about the same axis: roll is 0 there.
-    """
+    """Roll, pitch and heading, (..., 3), rad, of unit quaternions (x, y, z, w); roll is 0 where pitch is +-pi/2."""
     from scipy.spatial.transform import Rotation
 
     quaternions = np.asarray(quaternions_xyzw, dtype=np.float64)
@@ -177,3 +170,53 @@ def angles_from_quaternions(quaternions_xyzw: ArrayLike) -> NDArray[np.float64]:
     heading = np.where(is_vertical, np.arctan2(-R[:, 0, 1], R[:, 1, 1]), np.arctan2(R[:, 1, 0], R[:, 0, 0]))
     angles = np.stack([roll, np.arctan2(-R[:, 2, 0], level), heading], axis=-1)
     return np.asarray(angles.reshape(*quaternions.shape[:-1], 3), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class LocalFrame:
+    """The frame everything inside a map is expressed in: metres about a float64 origin, with a CRS.
+
+    - origin: global coordinates of the local (0, 0, 0), m, float64: a float32 northing of 5.8e6 m has steps of 0.5 m.
+    - crs: WKT of the global coordinate reference system; None where it is not known.
+    """
+
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    crs: str | None = None
+
+    def __post_init__(self) -> None:
+        origin = tuple(float(value) for value in self.origin)
+        if len(origin) != 3 or not np.isfinite(origin).all():
+            raise ArrayError(f"Expected three finite numbers as the origin of a LocalFrame, got {self.origin}.")
+        object.__setattr__(self, "origin", origin)
+
+    def to_local(self, points_global: ArrayLike) -> NDArray[np.float64]:
+        """Local coordinates, shape (n, 3), m, of global ones."""
+        return np.subtract(as_points(points_global, "points_global"), self.origin)
+
+    def to_global(self, points_local: ArrayLike) -> NDArray[np.float64]:
+        """Global coordinates, shape (n, 3), m, of local ones."""
+        return np.add(as_points(points_local, "points_local"), self.origin)
+
+    def pose_to_local(self, pose_global: Pose) -> Pose:
+        """Return the same pose with its position in this frame."""
+        return pose_global.translated(-np.array(self.origin))
+
+    def pose_to_global(self, pose_local: Pose) -> Pose:
+        """Return the same pose with its position in global coordinates."""
+        return pose_local.translated(self.origin)
+
+
+def voxel_indices(points: NDArray[np.float64], cell: float) -> NDArray[np.int32]:
+    """Index floor(coordinate / cell) of each point's voxel, (n, 3); ArrayError beyond 2^30 (64,000 km at 6 cm)."""
+    scaled = np.floor(points / cell)
+    if scaled.size and max(scaled.max(), -scaled.min()) >= INDEX_LIMIT:
+        raise ArrayError(
+            f"Expected points within {INDEX_LIMIT * cell:.3g} m of the local origin, got"
+            f" {np.abs(points).max():.3g} m. Express them in a local frame."
+        )
+    return scaled.astype(np.int32)
+
+
+def voxel_centers(indices: NDArray[np.int32], cell: float) -> NDArray[np.float64]:
+    """Centre of each voxel, shape (n, 3), local frame, m."""
+    return (indices.astype(np.float64) + 0.5) * cell

@@ -16,7 +16,7 @@ from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.io.point_records import CloudPoints
 from maxcon.scan.deskew import deskew, times_of_turn
-from maxcon.scan.normals import Viewpoints
+from maxcon.scan.scan import Viewpoints
 from maxcon.scan.trajectory import Trajectory
 
 

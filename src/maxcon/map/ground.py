@@ -18,10 +18,7 @@ LEAST_SHARE = 0.1  # a level has at least this share of the points of the fulles
 
 
 def ground_voxels(cell: float, edge: float = GROUND_EDGE) -> int:
-    """How many voxels of edge `cell` (m) make the edge of a cell of the ground grid, or of one of another `edge` (m).
-
-    A power of two: 8 at 6 cm.
-    """
+    """How many voxels of edge `cell` (m) make the edge of a cell of the ground grid: a power of two, 8 at 6 cm."""
     return int(2 ** min(max(round(math.log2(edge / cell)), 0), TILE_VOXELS.bit_length() - 1))
 
 
@@ -40,10 +37,7 @@ class GroundTile:
         return np.column_stack([x, y]).astype(np.int16), self.heights[level, y, x]
 
     def points(self, edge: float, at: tuple[float, ...] = (0.5, 0.5)) -> NDArray[np.float64]:
-        """Return a point of each height, in the order of `rows`, shape (m, 3), local frame, m.
-
-        `edge`: of a cell, m; `at`: where in the cell it stands along x and y, in edges.
-        """
+        """A point of each height, in the order of `rows`, (n, 3), m; `edge` of a cell, m, `at`: where in it."""
         columns, heights = self.rows()
         return np.column_stack([(columns + np.array(self.key) * self.heights.shape[1] + at) * edge, heights])
 
@@ -78,10 +72,7 @@ def _stack_levels(cells: NDArray[np.integer], heights: NDArray[np.floating], n: 
 def levels_of_points(
     columns: NDArray[np.integer], heights: NDArray[np.floating], n: int, gap: float
 ) -> tuple[NDArray[np.int64], NDArray[np.floating], NDArray[np.int64]]:
-    """Cell y * n + x, median height (m) and number of points of each level of each cell, ascending; as below.
-
-    gap: points that are farther above others of their cell are of the next level, m.
-    """
+    """Cell y * n + x, median height (m) and number of points of each level of each cell, ascending, `gap` (m) apart."""
     cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]
     order = np.lexsort((heights, cells))
     cells, heights = cells[order], heights[order]
@@ -91,12 +82,7 @@ def levels_of_points(
 
 
 def ground_of_points(columns: NDArray[np.integer], heights: NDArray[np.floating], n: int) -> NDArray[np.float32]:
-    """Heights of the ground by (level, y, x), m: the median of the points of each level of each cell.
-
-    columns: shape (m, 2); (x, y) cell of each point in its tile.
-    heights: shape (m,); its height, m.
-    n: cells along an edge of the tile.
-    """
+    """Ground by (level, y, x), m: medians of heights (m,), m, of points in (x, y) cells (m, 2), n along an edge."""
     cells, medians, counts = levels_of_points(columns, heights, n, HEADROOM)
     fullest = np.zeros(n * n, np.int64)
     np.maximum.at(fullest, cells, counts)
@@ -130,6 +116,22 @@ class GroundPatch:
         levels, rows, columns = np.nonzero(np.isfinite(self.heights))
         middles = (np.column_stack([columns, rows]) + 0.5 + np.array(self.first)) * self.edge
         return np.column_stack([middles, self.heights[levels, rows, columns]])
+
+    def cells_at(self, x: NDArray[np.floating], y: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Row and column of the cells that places (x, y), m, lie in, or of the nearest."""
+        _, ny, nx = self.heights.shape
+        rows = np.clip(np.floor(y / self.edge).astype(np.int64) - self.first[1], 0, ny - 1)
+        return rows, np.clip(np.floor(x / self.edge).astype(np.int64) - self.first[0], 0, nx - 1)
+
+    def filled(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Heights, those of the nearest cell where none are known, and how far that is, (ny, nx), m; infinity: none."""
+        from scipy.ndimage import distance_transform_edt
+
+        is_unknown = np.isnan(self.heights[0])
+        if is_unknown.all():
+            return self.heights, np.full(is_unknown.shape, np.inf)
+        distances, (rows, columns) = distance_transform_edt(is_unknown, sampling=self.edge, return_indices=True)
+        return self.heights[:, rows, columns], distances
 
 
 def ground_patch(source: TileSource[GroundTile], cell: float, x: float, y: float, reach: float) -> GroundPatch:

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """NormalGrid: the normals of a level of the map in a dense grid around a place, as the coarse search reads them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,25 +19,19 @@ the same grid."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalGrid:
-    """Normals of the voxels around a place, and how much each determines along the axis that fewest surfaces face.
+    """Normals of the voxels around a place, and how much each determines along the axis that fewest surfaces face."""
 
-    - low: shape (3,), int64; x, y and z index of the first voxel.
-    - shape: (nz, ny, nx), numbers of voxels; the arrays are flat, in this order, and padded.
-    - cell: edge of a voxel, m.
-    - normals: shape (n, 2), int8; x and y of the unit normals, in 127ths; zeros where there is none.
-    - along, across: shape (n,), uint8; the squared product of those with a horizontal axis, and with the one at right
-      angles to it, in 64ths, rounded up. The axis is that which the normals of the grid determine least.
-    """
-
-    low: NDArray[np.int64]
-    shape: tuple[int, int, int]
-    cell: float
-    normals: NDArray[np.int8]
-    along: NDArray[np.uint8]
-    across: NDArray[np.uint8]
+    low: NDArray[np.int64]  # (3,): x, y and z index of the first voxel
+    shape: tuple[int, int, int]  # (nz, ny, nx), numbers of voxels; the arrays are flat, in this order, and padded
+    cell: float  # edge of a voxel, m
+    normals: NDArray[np.int8]  # (n, 2): x and y of the unit normals, in 127ths; zeros where there is none
+    along: NDArray[np.uint8]  # (n,): the squared product of those with a horizontal axis, in 64ths, rounded up
+    across: NDArray[np.uint8]  # (n,): the same with the axis at right angles to it
 
     @classmethod
-    def of(cls, tiles: Sequence[VoxelTile], cell: float, low: NDArray[np.int64], high: NDArray[np.int64]) -> NormalGrid:
+    def of(
+        cls, tiles: Sequence[VoxelTile], cell: float, low: NDArray[np.int64], high: NDArray[np.int64]
+    ) -> "NormalGrid":
         """Grid of the voxels of some tiles from index `low` to `high`, (x, y, z), both included."""
         from maxcon.map import tile_kernels
 
@@ -65,10 +57,7 @@ class NormalGrid:
 def grid_extent(
     cell: float, x: float, y: float, reach: float, z: tuple[float, float]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last index (x, y, z) of the voxels within whole steps around a place.
-
-    cell: edge of a voxel, m; reach: along x and y around (x, y), m; z: lowest and highest, m. Local frame.
-    """
+    """First and last index (x, y, z) of the voxels within whole steps around a place, `z` lowest and highest; m."""
     steps = np.maximum(1, np.round(np.array([STEP, STEP, HEIGHT_STEP]) / cell)).astype(np.int64)
     low, high = np.array([x - reach, y - reach, z[0]]), np.array([x + reach, y + reach, z[1]])
     first, last = (np.floor(each / (steps * cell)).astype(np.int64) for each in (low, high))

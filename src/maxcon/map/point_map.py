@@ -2,24 +2,21 @@
 # SPDX-License-Identifier: MIT
 """PointMap: the voxels of a dense point cloud, in tiles around a local frame (D1, D4)."""
 
-from __future__ import annotations
-
 import math
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, SupportsIndex
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError, MapError, OptionError
+from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals, read_only_view
-from maxcon.map.ground import GroundPatch, GroundTile, ground_in_memory, ground_patch, ground_voxels
+from maxcon.map.ground import GroundPatch, GroundTile, ground_in_memory, ground_patch
 from maxcon.map.layout import (
     LEVEL_FACTORS,
     NOT_SEARCHED,
@@ -34,11 +31,7 @@ from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
 from maxcon.map.voxel_table import TileTable, VoxelTable
 from maxcon.map.voxelize import voxelize
 
-if TYPE_CHECKING:
-    from maxcon.map.manifest import Manifest
-    from maxcon.map.storage import MapStorage
-
-LEVEL_BYTES, GROUND_BYTES = 2**28, 2**24  # sizes of the caches of the tiles of a level and of the ground
+LEVEL_BYTES = 2**28  # size of the cache of the tiles of a level
 PREFETCHED_AROUND = 2
 """With the ground of a tile, that of so many tiles on each side is prefetched: it is likely to be needed next."""
 
@@ -56,15 +49,9 @@ class PointMap:
     """
 
     def __init__(
-        self,
-        frame: LocalFrame,
-        cell: float,
-        is_signed: bool,
-        tiles: TileSource[VoxelTile],
-        sigma: float = UNKNOWN_SIGMA,
-        ground: TileSource[GroundTile] | None = None,
-        tile_voxels: int = TILE_VOXELS,
-    ) -> None:
+        self, frame: LocalFrame, cell: float, is_signed: bool, tiles: TileSource[VoxelTile],
+        sigma: float = UNKNOWN_SIGMA, ground: TileSource[GroundTile] | None = None, tile_voxels: int = TILE_VOXELS,
+    ) -> None:  # fmt: skip
         self.frame = frame
         self.cell = cell
         self.is_signed = is_signed
@@ -94,16 +81,9 @@ class PointMap:
 
     @classmethod
     def from_points(
-        cls,
-        points: ArrayLike,
-        normals: ArrayLike,
-        cell: float = 0.06,
-        *,
-        frame: LocalFrame | None = None,
-        is_signed: bool = True,
-        sigma: float = UNKNOWN_SIGMA,
-        ground: ArrayLike | None = None,
-    ) -> PointMap:
+        cls, points: ArrayLike, normals: ArrayLike, cell: float = 0.06, *, frame: LocalFrame | None = None,
+        is_signed: bool = True, sigma: float = UNKNOWN_SIGMA, ground: ArrayLike | None = None,
+    ) -> "PointMap":  # fmt: skip
         """Rasterize points with normals into a map in memory.
 
         - points, normals: shape (m, 3); local frame, m; unit normals, a row of zeros where there is none.
@@ -113,7 +93,7 @@ class PointMap:
         - sigma: how well the points are known: standard deviation of their common position along any axis, m.
         - ground: shape (k, 3); points on the ground, local frame, m, whose heights are kept beside the voxels.
 
-        An ArrayError if a shape is wrong, a value not finite or a normal no unit vector, `cell` <= 0 or `sigma` < 0.
+        An ArrayError if a number or a shape is wrong, or a normal no unit vector.
         """
         check_sigma(sigma)
         if not (math.isfinite(cell) and cell > 0.0):
@@ -126,24 +106,20 @@ class PointMap:
 
     @classmethod
     def open(
-        cls,
-        path: str | os.PathLike[str],
-        *,
-        cache_bytes: int = 2**31,
+        cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31,
         left_out: Collection[SurfaceClass] | None = NOT_SEARCHED,
-    ) -> PointMap:
-        """Open a map on disk; tiles are loaded when a search comes near them.
+    ) -> "PointMap":  # fmt: skip
+        """Open a map on disk; tiles are loaded when a search comes near them. A MapError if it is none, or broken.
 
         - path: the folder `maxcon map build` made, or the address it was copied to: `s3://bucket/prefix`, `http://`,
           `https://`.
         - cache_bytes: size of the LRU cache of tiles.
         - left_out: what of an updated map is left out: by default what is gone. Nothing if None, and tiles have classes
           then.
-
-        A MapError if it is not a map, is of another format version, or its manifest is broken.
         """
         from maxcon.map.manifest import read_manifest
         from maxcon.map.storage import address_of, open_storage
+        from maxcon.map.store import stored_ground, stored_tiles
 
         storage = open_storage(path)
         manifest = read_manifest(storage)
@@ -156,7 +132,7 @@ class PointMap:
         opened._prefetch = tiles.prefetch if address else None
         return opened
 
-    def level(self, factor: int) -> PointMap:
+    def level(self, factor: int) -> "PointMap":
         """Return the same map in voxels `factor` (1, 2, 4, ... 32) times as large, without ground.
 
         Tiles are merged when a search asks for them. Another factor is an OptionError.
@@ -179,7 +155,7 @@ class PointMap:
             self._levels.setdefault(factor, level)  # the first one, where several threads ask at once
         return self._levels[factor]
 
-    def nearest_level(self, cell: float) -> PointMap:
+    def nearest_level(self, cell: float) -> "PointMap":
         """Return the level whose voxel edge comes nearest to `cell` (m), by ratio."""
         return self.level(min(LEVEL_FACTORS, key=lambda factor: abs(math.log(factor * self.cell / cell))))
 
@@ -287,57 +263,8 @@ class PointMap:
         )
 
 
-def stored_tiles(
-    storage: MapStorage, manifest: Manifest, *, cache_bytes: int, left_out: Collection[SurfaceClass] | None = None
-) -> TileCache[VoxelTile]:
-    """Return the tiles of a map, checked when they are read, behind an LRU cache.
-
-    cache_bytes: size of the tiles that are kept, and of their indices.
-    left_out: voxels of these classes are left out, and tiles have no classes then. Nothing is left out if None.
-    """
-    from maxcon.map.manifest import CLASSES, REBUILD, TILES
-    from maxcon.map.store import Section
-
-    tiles, classes = Section(storage, manifest, TILES), Section(storage, manifest, CLASSES)
-
-    def read(key: TileKey) -> VoxelTile:
-        columns, layers, counts, normals, means = tiles.columns(key)  # views of the record
-        tile = VoxelTile(key, columns, layers, counts, normals, means)
-        if not tile.is_in_order:
-            raise MapError(f"Expected voxels of {tiles.where(key)} in the order of the search, got another. {REBUILD}")
-        if key not in classes.keys:
-            return tile
-        (of_voxels,) = classes.columns(key)
-        if len(of_voxels) != len(tile) or not np.isin(of_voxels, list(SurfaceClass)).all():
-            raise MapError(
-                f"Expected a class for each of {len(tile):,} voxels in {classes.where(key)}, got other numbers."
-                " Update the map it was made of again with `maxcon map update`."
-            )
-        tile = replace(tile, classes=of_voxels)
-        return tile if left_out is None else tile.without(left_out)
-
-    return TileCache(read, cache_bytes, tiles.keys)
-
-
-def stored_ground(storage: MapStorage, manifest: Manifest) -> TileCache[GroundTile]:
-    """Return the ground of a map, checked when it is read, behind an LRU cache."""
-    from maxcon.map.manifest import GROUND
-    from maxcon.map.store import Section
-
-    section, n_cells = Section(storage, manifest, GROUND), TILE_VOXELS // ground_voxels(manifest.cell)
-
-    def read(key: TileKey) -> GroundTile:
-        columns, heights = section.columns(key)
-        return GroundTile.from_rows(key, columns, heights, n_cells)
-
-    return TileCache(read, GROUND_BYTES, section.keys)
-
-
 def _merged_tiles(source: TileSource[VoxelTile], factor: int, is_signed: bool) -> TileCache[VoxelTile]:
-    """Return the tiles of a level: voxels `factor` times as large, merged when asked for.
-
-    Numbers of points add up; positions and normals are means, each as often as it has points.
-    """
+    """Return the tiles of a level: counts add up; positions and normals are means, each as often as it has points."""
 
     def merge(key: TileKey) -> VoxelTile:
         from maxcon.map import tile_kernels

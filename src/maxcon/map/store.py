@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: MIT
 """Records of tiles: written into the shards of a map, read from them when asked for and checked, and copied (D10).
 
-A record is what a section of a map keeps of one tile: one message of the Arrow IPC stream format, its buffers
-compressed with LZ4 (docs/map_format.md). Records do not depend on the thread or process that makes them.
+A record is one message of the Arrow IPC stream format, its buffers compressed with LZ4 (docs/map_format.md).
 """
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,8 @@ from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.engine import in_threads
 from maxcon.errors import FileError, MapError, OptionError
-from maxcon.map.ground import GroundTile
-from maxcon.map.layout import TileKey
+from maxcon.map.ground import GroundTile, ground_voxels
+from maxcon.map.layout import TILE_VOXELS, SurfaceClass, TileKey
 from maxcon.map.manifest import (
     CLASSES,
     GROUND,
@@ -38,31 +38,24 @@ from maxcon.map.manifest import (
     write_manifest,
 )
 from maxcon.map.storage import Folder, MapStorage, Remote, address_of, open_storage
-from maxcon.map.tile import PREFETCH_THREADS, VoxelTile
+from maxcon.map.tile import PREFETCH_THREADS, TileCache, VoxelTile
 
 END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"  # how a stream of the Arrow IPC format ends
+GROUND_BYTES = 2**24  # size of the cache of the tiles of the ground
 SHARD_BYTES = 2**27  # largest size of a shard of several records
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a section of a map keeps of one tile.
+    """What a section of a map keeps of one tile."""
 
-    section: "tiles", "ground", or that of others: lower-case letters and underscores.
-    key: the tile's (x, y) index.
-    n_rows, n_points: rows of the record batch, and the map points they stand for; 0 where they stand for none.
-    schema: arrow IPC message of the schema, the same for all records of a section.
-    content: arrow IPC message of the record batch.
-    sha256: of the content.
-    """
-
-    section: str
-    key: TileKey
-    n_rows: int
-    n_points: int
-    schema: bytes
-    content: bytes | memoryview
-    sha256: bytes
+    section: str  # lower-case letters and underscores
+    key: TileKey  # of the tile
+    n_rows: int  # of the record batch
+    n_points: int  # map points that the rows stand for; 0 where they stand for none
+    schema: bytes  # arrow IPC message, the same for all records of a section
+    content: bytes | memoryview  # arrow IPC message of the record batch
+    sha256: bytes  # of the content
 
     @classmethod
     def of(cls, section: str, key: TileKey, columns: list[Any], n_points: int = 0) -> "Record":
@@ -119,10 +112,7 @@ def classes_record(tile: VoxelTile) -> Record:
 
 
 class Section:
-    """The records of one section of a map, read when asked for and checked against their checksums.
-
-    A section that the map does not have has no records. One of other columns than this version knows is a MapError.
-    """
+    """The records of a section, checked when read; none if the map lacks it. MapError if its columns differ."""
 
     def __init__(self, storage: MapStorage, manifest: Manifest, name: str) -> None:
         import pyarrow as pa
@@ -177,32 +167,55 @@ class Section:
         return in_threads(self.record, keys, PREFETCH_THREADS)
 
 
-class MapWriter:
-    """Writes a map into a folder: `put` the records of its tiles, then `finish`.
+def stored_tiles(
+    storage: MapStorage, manifest: Manifest, *, cache_bytes: int, left_out: Collection[SurfaceClass] | None = None
+) -> TileCache[VoxelTile]:
+    """Return the tiles of a map, checked when read, in an LRU cache; voxels of classes `left_out` are not in them."""
+    tiles, classes = Section(storage, manifest, TILES), Section(storage, manifest, CLASSES)
 
-    The files are the same if records come in the same order, whoever made them. Before `finish` there is no manifest,
-    and the folder is no map: fill it under `atomic_folder`.
+    def read(key: TileKey) -> VoxelTile:
+        columns, layers, counts, normals, means = tiles.columns(key)  # views of the record
+        tile = VoxelTile(key, columns, layers, counts, normals, means)
+        if not tile.is_in_order:
+            raise MapError(f"Expected voxels of {tiles.where(key)} in the order of the search, got another. {REBUILD}")
+        if key not in classes.keys:
+            return tile
+        (of_voxels,) = classes.columns(key)
+        if len(of_voxels) != len(tile) or not np.isin(of_voxels, list(SurfaceClass)).all():
+            raise MapError(
+                f"Expected a class for each of {len(tile):,} voxels in {classes.where(key)}, got other numbers."
+                " Update the map it was made of again with `maxcon map update`."
+            )
+        tile = replace(tile, classes=of_voxels)
+        return tile if left_out is None else tile.without(left_out)
 
-    folder: an empty folder.
-    shard_bytes: largest size of a file of several records.
-    """
+    return TileCache(read, cache_bytes, tiles.keys)
+
+
+def stored_ground(storage: MapStorage, manifest: Manifest) -> TileCache[GroundTile]:
+    """Return the ground of a map, checked when it is read, behind an LRU cache."""
+    section, n_cells = Section(storage, manifest, GROUND), TILE_VOXELS // ground_voxels(manifest.cell)
+
+    def read(key: TileKey) -> GroundTile:
+        columns, heights = section.columns(key)
+        return GroundTile.from_rows(key, columns, heights, n_cells)
+
+    return TileCache(read, GROUND_BYTES, section.keys)
+
+
+class MapWriter(ExitStack):
+    """Writes a map into an empty folder: `put` the records of its tiles, then `finish`; before that it is no map."""
 
     def __init__(self, folder: Path, *, shard_bytes: int = SHARD_BYTES) -> None:
+        super().__init__()
         self._folder = folder
         self._shard_bytes = shard_bytes
         self._sections: dict[str, _SectionWriter] = {}
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for section in self._sections.values():
-            section.close()
-
     def put(self, record: Record) -> None:
         """Write a record into its section: one of each tile, all of one schema."""
         if record.section not in self._sections:
-            self._sections[record.section] = _SectionWriter(self._folder, record, self._shard_bytes)
+            self._sections[record.section] = _SectionWriter(self, self._folder, record, self._shard_bytes)
         self._sections[record.section].put(record)
 
     def finish(self, manifest: Manifest) -> Manifest:
@@ -214,10 +227,18 @@ class MapWriter:
         return manifest
 
 
-class _SectionWriter:
-    """Writes the shards of one section, whose records have the schema of the first."""
+def map_folder(out: str | os.PathLike[str], *, overwrite: bool) -> AbstractContextManager[Path]:
+    """Folder to fill with a map, which appears at `out` when all is done; a map that is there is replaced if asked."""
+    if overwrite:
+        check_replaceable(out, "a map", MAP_NAMES)
+    return atomic_folder(out, overwrite=overwrite)
 
-    def __init__(self, folder: Path, first: Record, shard_bytes: int) -> None:
+
+class _SectionWriter:
+    """Writes the shards of one section, whose records have the schema of the first; `open_files` closes them, too."""
+
+    def __init__(self, open_files: ExitStack, folder: Path, first: Record, shard_bytes: int) -> None:
+        self._open_files = open_files
         self._folder = folder
         self._name = first.section
         self._schema = first.schema
@@ -233,7 +254,7 @@ class _SectionWriter:
         if self._n_bytes + len(record.content) + len(END_OF_STREAM) > self._shard_bytes:
             self._complete()
         if self._shard is None:
-            self._shard = self._partial.open("wb")
+            self._shard = self._open_files.enter_context(self._partial.open("wb"))
             self._n_bytes = self._shard.write(self._schema)
             self._checksums = hashlib.sha256(self._schema)
         place = (len(self._files), self._n_bytes, len(record.content), record.sha256)
@@ -245,11 +266,6 @@ class _SectionWriter:
         """Return the table of all records."""
         self._complete()
         return ShardTable(self._schema, tuple(self._files), np.array(sorted(self._rows), INDEX))
-
-    def close(self) -> None:
-        """Close what is open, after an error too."""
-        if self._shard is not None:
-            self._shard.close()
 
     def _complete(self) -> None:
         """Give the shard its name, of its number and its checksums: shards of two maps have different names."""
@@ -264,22 +280,13 @@ class _SectionWriter:
 
 
 def copy_map(
-    source: str | os.PathLike[str],
-    target: str | os.PathLike[str],
-    *,
-    overwrite: bool = False,
+    source: str | os.PathLike[str], target: str | os.PathLike[str], *, overwrite: bool = False,
     progress: Progress | None = None,
-) -> Manifest:
-    """Copy a map to a folder, or from a folder to an address; every record is checked. Return its manifest.
+) -> Manifest:  # fmt: skip
+    """Copy a map to a folder, or from a folder to s3://; every record is checked. Return its manifest.
 
     At an address the manifest is written last, so that nobody sees half a map; files of a map that was there before
     stay, for those who are still reading it.
-
-    source, target: a folder, or `s3://bucket/prefix`; a source may be `http://` or `https://` too. One is a folder.
-    overwrite: whether a map that is there is replaced.
-    progress: called with (step, done, of how many).
-
-    FileError if a map is there, or it cannot be written; MapError if a record of the source is not what was written.
     """
     report = progress or (lambda step, done, total: None)
     address, storage = address_of(target), open_storage(source)
@@ -290,9 +297,7 @@ def copy_map(
         )
     manifest = read_manifest(storage)
     if address is None:
-        if overwrite:
-            check_replaceable(target, "a map", MAP_NAMES)
-        with atomic_folder(target, overwrite=overwrite) as folder, MapWriter(folder) as writer:
+        with map_folder(target, overwrite=overwrite) as folder, MapWriter(folder) as writer:
             for record in _records(storage, manifest, "copying tiles", report):
                 writer.put(record)
             return writer.finish(manifest)

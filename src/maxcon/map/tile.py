@@ -35,8 +35,7 @@ class TileIndex:
 class Occupancy:
     """Which patches and voxels a tile holds, a bit each: a single voxel is found without a search.
 
-    Patches that hold voxels are numbered in the order (patch y, patch x, layer): what stands upright, as walls do,
-    lies together in memory.
+    Patches are numbered by (patch y, patch x, layer): what stands upright, as walls do, lies together in memory.
     """
 
     # (n_patches, n_patches, n): whether patch (py, px) of each layer holds voxels: bit k % 64 of word k // 64 for layer
@@ -53,11 +52,7 @@ class Occupancy:
 
 @dataclass(frozen=True, eq=False)
 class VoxelTile:
-    """The voxels of one tile of the map: 512 x 512 columns, 30.72 m at 6 cm; of a level fewer and larger ones.
-
-    Sorted by (z, patch y, patch x, y, x), see `search_order`. The arrays may be views of a
-    file that was read.
-    """
+    """The voxels of one tile of the map, sorted by (z, patch y, patch x, y, x): 512 x 512 columns, 30.72 m at 6 cm."""
 
     key: TileKey  # the tile's (x, y) index
     columns: NDArray[np.int16]  # (n, 2): (x, y) voxel index less the tile's first, from 0 to `edge` - 1
@@ -85,6 +80,11 @@ class VoxelTile:
             normals=self.normals[chosen], means=self.means[chosen],
             classes=None if self.classes is None else self.classes[chosen],
         )  # fmt: skip
+
+    @property
+    def surface_classes(self) -> NDArray[np.uint8]:
+        """`SurfaceClass` of each voxel; all are known in a tile without classes."""
+        return np.full(len(self), SurfaceClass.KNOWN, np.uint8) if self.classes is None else self.classes
 
     @property
     def corner(self) -> tuple[int, int]:
@@ -191,13 +191,9 @@ class TilesInMemory(Generic[TileT]):
 
 
 class TileCache(Generic[TileT]):
-    """Tiles that are made when asked for, in an LRU cache bounded in bytes.
+    """Tiles that are made when asked for, in an LRU cache bounded in bytes; the last one is kept whatever its size.
 
     Threads make different tiles at once; a tile that several ask for is made once, and the others wait for it.
-
-    make: returns the tile of a key; a tile has `n_bytes`, its memory with its indices.
-    max_bytes: size of all tiles kept; the last one is kept whatever its size.
-    keys: of the tiles that can be made.
     """
 
     def __init__(self, make: Callable[[TileKey], TileT], max_bytes: int, keys: Iterable[TileKey] = ()) -> None:

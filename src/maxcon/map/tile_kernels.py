@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Compiled: index and occupancy of a tile, its voxels merged to larger ones, in a dense grid; tiles around positions.
 
-Arrays in, arrays out. Voxels come in the order (z, patch y, patch x, y, x); a layer of a tile has n_patches x n_patches
-patches of PATCH_VOXELS x PATCH_VOXELS columns.
+Voxels come in the order (z, patch y, patch x, y, x).
 """
 
 import numpy as np
@@ -27,9 +26,7 @@ def _place(x, y, edge):
 def find_patches(columns, layers, edge):
     """Find the z index of each layer, the first voxel of each patch of each layer, and how many patches hold voxels.
 
-    columns : (n, 2) int16; layers : (n,) int32; edge : voxels along an edge of the tile. Returns arrays of shape
-    (n_layers,) and (n_layers * n_patches**2 + 1,), int32, and the number, which is -1 if a column lies outside of the
-    tile, or the voxels are not in order.
+    The number is -1 if one of the columns (n, 2) lies outside of the tile, or the voxels are not in order.
     """
     n_layers, n_held, before, in_layer = 0, 0, 0, (edge >> PATCH_BITS) ** 2
     for k in range(columns.shape[0]):
@@ -57,11 +54,7 @@ def find_patches(columns, layers, edge):
 
 @njit(nogil=True, cache=True)
 def find_occupancy(patch_starts, columns, n_held, held, numbers):
-    """Set a bit for each patch that holds voxels and for each voxel, numbered in the order (patch y, patch x, layer).
-
-    held : (n_patches**2, n) uint64, in zeros, out; numbers : the same, int32, out; see `Occupancy`, whose words and
-    firsts are returned.
-    """
+    """Set a bit for each patch that holds voxels and for each voxel; return words and firsts: see `Occupancy`."""
     n_places = held.shape[0]
     n_layers = (patch_starts.shape[0] - 1) // n_places
     for layer in range(n_layers):
@@ -90,10 +83,7 @@ def find_occupancy(patch_starts, columns, n_held, held, numbers):
 
 @njit(nogil=True, cache=True)
 def _add(k, column, layer, counts, normals, means, factor, is_signed, n_points, sums, total):
-    """Add voxel k to a larger one: its points to n_points, (1,), their normals to `sums`, positions to `total`, (3,).
-
-    Positions are counted in edges of the smaller voxel, from the corner of the larger one.
-    """
+    """Add voxel k to a larger one; positions are in edges of the smaller voxel, from the corner of the larger."""
     n, along = np.int64(counts[k]), 1.0
     if not is_signed and (sums[0] * normals[k, 0] + sums[1] * normals[k, 1] + sums[2] * normals[k, 2] < 0.0):
         along = -1.0
@@ -124,11 +114,7 @@ def _column(place, edge):
 
 @njit(nogil=True, cache=True)
 def merge(columns, layers, counts, normals, means, edge, factor, is_signed):
-    """Merge the voxels of a tile to voxels `factor` times as large, of which `edge` make its edge.
-
-    columns : (n, 2) int16; layers, counts : (n,) int32; normals : (n, 3) float32; means : (n, 3) uint8; in order.
-    Returns the same of the larger voxels, in order.
-    """
+    """Merge the voxels of a tile, in order, to ones `factor` times as large, `edge` of them to its edge, in order."""
     n, n_columns = columns.shape[0], edge * edge
     of_place, places = np.full(n_columns, -1, np.int32), np.empty(n_columns, np.int64)
     sums, totals = np.empty((n_columns, 3)), np.empty((n_columns, 3))
@@ -166,11 +152,10 @@ def merge(columns, layers, counts, normals, means, edge, factor, is_signed):
 
 @njit(nogil=True, cache=True)
 def fill_normals(columns, layers, normals, corner, shape, axis, grid, along, across):
-    """Write the normals of a tile's voxels into dense grids.
+    """Write the normals of a tile's voxels into dense grids (`NormalGrid`).
 
-    columns : (n, 2) int16, layers : (n,) int32, normals : (n, 3) float32, of a `VoxelTile`; corner : (3,) int64, index
-    of the tile's first column in the grid, and what to add to a layer; shape : (nz, ny, nx) of the grids; axis : (2,),
-    a unit vector; grid : (n, 2) int8, along, across : (n,) uint8, out, as of a `NormalGrid`.
+    corner : (3,) int64, index of the tile's first column in the grid, and what to add to a layer; shape : (nz, ny, nx);
+    axis : (2,), a unit vector; grid : (n, 2) int8, along, across : (n,) uint8, out.
     """
     nz, ny, nx = shape
     factor = PRODUCT_STEPS / NORMAL_STEPS**2 * (1.0 + 1e-9)
@@ -189,11 +174,7 @@ def fill_normals(columns, layers, normals, corner, shape, axis, grid, along, acr
 
 @njit(nogil=True, cache=True)
 def mark_tiles(positions, margin, edge, corner, is_met):
-    """Mark the tiles that hold a corner of the square of half width `margin` (m) around any position.
-
-    positions : (n, 2) float64, m; edge : of a tile, m; corner : (2,) int64, key (x, y) of the first tile of is_met,
-    (nx, ny) bool, out. What lies outside is marked at the border.
-    """
+    """Mark tiles, (nx, ny) from key `corner` on, with a corner of the square within `margin` (m) of a position."""
     for i in range(positions.shape[0]):
         for side_x in (-margin, margin):
             x = min(max(np.floor((positions[i, 0] + side_x) / edge) - corner[0], 0.0), is_met.shape[0] - 1.0)

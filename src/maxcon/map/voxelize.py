@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """From points with normals to tiles of voxels with a count, a mean unit normal and a mean point (D4)."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,14 +18,10 @@ MOST_LAYERS = 16_384
 def voxelize(
     points: NDArray[np.float64], normals: NDArray[np.float64], cell: float, *, is_signed: bool
 ) -> dict[TileKey, VoxelTile]:
-    """Gather points into voxels of edge `cell`, with a count, a mean unit normal and a mean point (D4), and into tiles.
-
-    points, normals: shape (n, 3); local frame, m; unit normals, zeros for none.
-    cell: voxel edge, m.
-    is_signed: whether normals are turned to the sensor's side; otherwise n and -n mean the same.
-    """
+    """Gather points (n, 3), m, into voxels of edge `cell` (m) with count, mean unit normal and mean point (D4)."""
     of_points = voxel_indices(points, cell)
-    indices, voxel, counts = _unique_rows(of_points)
+    first, voxel = first_of_each(*of_points.T)
+    indices, counts = of_points[first], np.bincount(voxel)
     if not is_signed:
         normals = turn_alike(normals, voxel, len(indices))
 
@@ -35,11 +33,12 @@ def voxelize(
 
     means = mean_steps(sums(points - of_points * cell), counts, cell)
     unit, counts_32 = mean_normals(sums(normals), counts), counts.astype(np.int32)
-    keys, tile, _ = _unique_rows(indices[:, :2] // TILE_VOXELS)
+    keys = indices[:, :2] // TILE_VOXELS
+    first, tile = first_of_each(*keys.T)
     order = np.argsort(tile, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(tile[order])) + 1) if len(order) else []
     tiles = {}
-    for (x, y), members in zip(keys.tolist(), groups, strict=True):
+    for (x, y), members in zip(keys[first].tolist(), groups, strict=True):
         columns = (indices[members, :2] - np.array([x, y]) * TILE_VOXELS).astype(np.int16)
         tiles[(x, y)] = tile_of_voxels(
             (x, y), columns, indices[members, 2], counts_32[members], unit[members], means[members]
@@ -47,14 +46,17 @@ def voxelize(
     return tiles
 
 
-def _unique_rows(indices: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-    """As numpy.unique along an axis, which takes several times as long: rows, number of each among them, counts."""
-    order = np.lexsort(indices.T[::-1])
+def first_of_each(*columns: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """Rows of all different values in columns, the first of each, and its number among them for every row.
+
+    As numpy.unique along an axis, which takes several times as long.
+    """
+    order = np.lexsort(columns[::-1])
     is_first = np.ones(len(order), bool)
-    is_first[1:] = (indices[order[1:]] != indices[order[:-1]]).any(axis=1)
+    is_first[1:] = np.logical_or.reduce([np.diff(values[order]) != 0 for values in columns])
     number = np.empty(len(order), np.int64)
     number[order] = np.cumsum(is_first) - 1
-    return indices[order[is_first]], number, np.bincount(number).astype(np.int64)
+    return order[is_first], number
 
 
 def turn_alike(normals: NDArray[np.float64], group: NDArray[np.integer], n_groups: int) -> NDArray[np.float64]:
@@ -83,14 +85,9 @@ def mean_steps(
 
 
 def tile_of_voxels(
-    key: TileKey,
-    columns: NDArray[np.int16],
-    layers: NDArray[np.int32],
-    counts: NDArray[np.int32],
-    normals: NDArray[np.float32],
-    means: NDArray[np.uint8],
-    classes: NDArray[np.uint8] | None = None,
-) -> VoxelTile:
+    key: TileKey, columns: NDArray[np.int16], layers: NDArray[np.int32], counts: NDArray[np.int32],
+    normals: NDArray[np.float32], means: NDArray[np.uint8], classes: NDArray[np.uint8] | None = None,
+) -> VoxelTile:  # fmt: skip
     """Make a tile from voxels in any order; a MapError if they lie in over 16,384 layers, which take 8 KiB each."""
     n_layers = len(np.unique(layers))
     if n_layers > MOST_LAYERS:

@@ -40,44 +40,30 @@ LARGEST_ANGLE_SIGMA = math.radians(1.0)  # an axis known less well is not determ
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """The same places in the map and in the CRS.
+    """The same places in the map and in the CRS."""
 
-    names: of each, (n,); of fixes their times.
-    local, global_: shape (n, 3), m.
-    sigmas: shape (n, 3); along the axes of the CRS, m, but for a factor where `has_own_scale`: of fixes, whose errors
-        are estimated, horizontal and vertical, and follow each other in time.
-    operation: by which they came into the CRS; None where they were in it.
-    """
-
-    names: tuple[str, ...]
-    local: NDArray[np.float64]
-    global_: NDArray[np.float64]
-    sigmas: NDArray[np.float64]
-    has_own_scale: bool
-    operation: Operation | None = None
+    names: tuple[str, ...]  # (n,): of fixes their times
+    local: NDArray[np.float64]  # (n, 3), m
+    global_: NDArray[np.float64]  # (n, 3), m
+    sigmas: NDArray[np.float64]  # (n, 3): along the axes of the CRS, m, but for a factor where `has_own_scale`
+    has_own_scale: bool  # of fixes, whose errors are estimated, and follow each other in time
+    operation: Operation | None = None  # by which they came into the CRS; None where they were in it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Georeference:
-    """How a map is placed: x_global = to + scale * rotation @ (x_map - middle).
-
-    - covariance: shape (6, 6) or (7, 7); of `to` (m), of turns about the axes of the CRS (rad), of the logarithm of the
-      scale.
-    - places: what it is from; residuals, sigmas: shape (n, 3), of all of them, m.
-    - n_alike: so many fixes in a row err alike.
-    - sigma: standard deviation of these places along the worst axis, m, in the mean over all.
-    """
+    """How a map is placed: x_global = to + scale * rotation @ (x_map - middle)."""
 
     rotation: NDArray[np.float64]
     middle: NDArray[np.float64]
     to: NDArray[np.float64]
     scale: float
-    covariance: NDArray[np.float64]
-    places: tuple[Places, ...]
-    residuals: NDArray[np.float64]
-    sigmas: NDArray[np.float64]
-    n_alike: float
-    sigma: float
+    covariance: NDArray[np.float64]  # (6, 6) or (7, 7): of `to` (m), turns about its axes (rad), log of scale
+    places: tuple[Places, ...]  # what it is from
+    residuals: NDArray[np.float64]  # (n, 3): of all of them, m
+    sigmas: NDArray[np.float64]  # (n, 3): of all of them, m
+    n_alike: float  # so many fixes in a row err alike
+    sigma: float  # of these places along the worst axis, m, in the mean over all
 
     @property
     def local(self) -> NDArray[np.float64]:
@@ -117,12 +103,7 @@ class Georeference:
 
 
 def places_of_fixes(antenna: Trajectory, fixes: Trajectory) -> Places:
-    """Return where the antenna was at the times of fixes, in the map and by the receiver.
-
-    antenna: T_map_antenna; fixes: positions in the CRS, with covariances where they are stated.
-
-    TrajectoryError if there are fewer than ten with poses around them.
-    """
+    """Return where the antenna was at the times of fixes; TrajectoryError if fewer than ten have poses around them."""
     rows, local = list[int](), list[NDArray[np.float64]]()
     for row, time in enumerate(fixes.times.tolist()):
         with suppress(TrajectoryError):
@@ -145,12 +126,7 @@ def places_of_fixes(antenna: Trajectory, fixes: Trajectory) -> Places:
 
 
 def read_control_points(path: str | os.PathLike[str]) -> Places:
-    """Return the control points of a CSV file.
-
-    Its columns: name; x, y, z in the map; east, north, height in the CRS; sigma, which may be missing; m.
-
-    FileError or TrajectoryError if it cannot be read, or a column is missing.
-    """
+    """Return the control points of a CSV file, m; sigma may be missing. FileError or TrajectoryError otherwise."""
     table = read_pose_table(Path(path), "control points")
     missing = [name for name in CONTROL_COLUMNS if name not in table.names]
     if missing:
@@ -171,12 +147,9 @@ def read_control_points(path: str | os.PathLike[str]) -> Places:
 def georeference(
     places: tuple[Places, ...], *, with_scale: bool = False, level_sigma: float | None = None
 ) -> Georeference:
-    """Return the transform from a map to the CRS that fits places best.
+    """Return the transform from a map to the CRS that fits places best; OptionError if they do not determine it.
 
-    with_scale: whether distances in the map may be off by a factor.
-    level_sigma: how well the z axis of the map is known to be up, rad; None: not at all.
-
-    OptionError if the places do not determine it.
+    `level_sigma`: how well the z axis of the map is known to be up, rad; None: not at all.
     """
     local, global_, stated = (
         np.concatenate([getattr(each, name) for each in places]) for name in ("local", "global_", "sigmas")
@@ -258,9 +231,8 @@ class _Fit(NamedTuple):
     ) -> tuple[NDArray[np.float64], float, float]:
         """Covariance of the unknowns, how many fixes in a row err alike, and sigma of the places.
 
-        A sandwich of Cauchy's influence (Huber 1981, section 7.6); errors of fixes follow each other as an
-        autoregressive process of first order does. Of control points, too few to tell, the stated sigmas count, or
-        their residuals where these are larger.
+        A sandwich of Cauchy's influence (Huber 1981, section 7.6); errors of fixes are autoregressive. Of control
+        points, too few to tell, the stated sigmas count, or their residuals where these are larger.
         """
         from scipy.optimize import approx_fprime
 

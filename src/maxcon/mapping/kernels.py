@@ -27,11 +27,7 @@ def _add_shifted(weight, count, sums, outers, dx, dy, dz, total_sums, total_oute
 
 @njit(nogil=True, cache=True)
 def merge_voxels(parent, shifts, in_counts, in_sums, in_outers, counts, sums, outers):
-    """Sum the moments of voxels that share a parent.
-
-    parent : (n,) numbers of the parents; shifts : (n, 3) float64, m, from the parent's corner to the voxel's. counts,
-    sums, outers : out, zeroed.
-    """
+    """Sum moments, out, zeroed, of voxels that share a parent; `shifts` (n, 3), m, from its corner to theirs."""
     for i in range(parent.shape[0]):
         k = parent[i]
         counts[k] += _add_shifted(
@@ -43,8 +39,7 @@ def merge_voxels(parent, shifts, in_counts, in_sums, in_outers, counts, sums, ou
 def _reach_line(line, key, keys, row, layer, reach, first):
     """Find one of the (2 reach + 1)^2 lines of voxels around a voxel: its steps (z, y), middle key and first voxel.
 
-    key : of the voxel; they ascend from call to call. first : ((2 reach + 1)^2,) int64, where each line was reached
-    last, zeroed before the first call; in and out.
+    key : of the voxel; they ascend from call to call. first : where each line was reached last, in and out.
     """
     width = 2 * reach + 1
     dz, dy = line // width - reach, line % width - reach
@@ -60,13 +55,11 @@ def _reach_line(line, key, keys, row, layer, reach, first):
 def neighbourhood_planes(
     keys, counts, sums, outers, wanted, edge, row, layer, reach, count_cap, least_voxels, values, normals
 ):
-    """Fit a plane to the points of the (2 reach + 1)^3 voxels around each voxel.
+    """Fit a plane to the points of the (2 reach + 1)^3 voxels around each wanted voxel.
 
-    keys : (n,) int64, ascending, (z layer + y row + x) of each voxel, rows padded by at least `reach`; counts (n,),
-    sums (n, 3), outers (n, 6) : their moments; wanted : (n,) bool, whether the plane is asked for; edge : voxel edge,
-    m; count_cap : a voxel weighs at most as many points; least_voxels : fewer occupied voxels leave the plane open.
-    values, normals : (n, 3) float64, out: eigenvalues of the covariance, ascending, m^2, and unit normals; where
-    the plane is open they stay as they are.
+    keys : (n,) int64, ascending, (z layer + y row + x), rows padded by at least `reach`; count_cap : a voxel weighs at
+    most as many points; least_voxels : fewer occupied ones leave the plane open. values, normals : (n, 3), out:
+    eigenvalues, ascending, m^2, and unit normals; where the plane is open they stay as they are.
     """
     width = 2 * reach + 1
     n, first = keys.shape[0], np.zeros(width * width, np.int64)
@@ -97,11 +90,7 @@ def neighbourhood_planes(
 
 @njit(nogil=True, cache=True)
 def sums_near(keys, values, row, layer, reach, totals):
-    """Sum values over the (2 reach + 1)^3 voxels around each voxel.
-
-    keys : (n,) int64, ascending, rows padded by at least `reach`; values : (n, m) float64; totals : (n, m), out,
-    zeroed.
-    """
+    """Sum values (n, m) over the (2 reach + 1)^3 voxels around each voxel, into zeroed totals; keys as above."""
     width = 2 * reach + 1
     first = np.zeros(width * width, np.int64)
     for i in range(keys.shape[0]):

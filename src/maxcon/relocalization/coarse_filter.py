@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """The coarse filter: large cells of a whole map that match nearly as many points as the best one, by branch and bound.
 
-`count_all` is its definition (D7). `recount` counts around the cells that are left in cells half as large.
+A point matches where the voxel that it falls in has its orientation bin; the scanner is in the middle of a cell.
+`recount` counts around the cells that are left in cells half as large.
 """
 
 import math
@@ -56,10 +57,7 @@ class CoarseScan:
 
     @classmethod
     def of(cls, scan: Scan, T_ground_sensor: Pose) -> "CoarseScan":
-        """Align a scan with its ground plane; points far off, on the ground or above `HIGHEST` are left out.
-
-        Points come from the lowest to the highest, so that what is read of a map lies together.
-        """
+        """Align a scan with its ground plane, the lowest points first; not those far off, or on the ground."""
         aligned = upright(scan, T_ground_sensor)
         points = aligned.points
         away = np.hypot(points[:, 0], points[:, 1])
@@ -156,42 +154,12 @@ def in_order(cells: Nodes, counts: Counts) -> NDArray[np.intp]:
     return np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0], -counts))
 
 
-def counts_of_region(scan: CoarseScan, regions: Regions, key: TileKey) -> NDArray[np.int32]:
-    """Points that match at each heading and cell of a region, shape (headings, REGION, REGION).
-
-    Cells in which no scanner may stand have -1. A point matches where the voxel that it falls in has its orientation
-    bin. The scanner stands in the middle of the cell.
-    """
-    turned, voxels = scan.turned(HEADINGS, regions.map.cell), regions.map.region(key).bins
-    counts = np.zeros((len(HEADINGS), REGION, REGION), np.int32)
-    for heading in range(len(HEADINGS)):
-        columns = turned.columns[heading] + regions.map.margin
-        for layer, (x, y), bit in zip(turned.layers, columns, turned.bins[heading], strict=True):
-            counts[heading] += (voxels[layer, y : y + REGION, x : x + REGION] & (1 << int(bit))) != 0
-    counts[:, ~regions.allowed[key]] = -1
-    return counts
-
-
-def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> CountedCells:
-    """Find every cell whose count reaches a ratio of the highest one: every cell at every heading is counted."""
-    counts = {key: counts_of_region(scan, regions, key) for key in regions.allowed}
-    best = max((int(each.max()) for each in counts.values()), default=0)
-    cells, scores = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
-    if best > 0:
-        for (key_x, key_y), each in counts.items():
-            reaching = np.argwhere(each >= ratio * best)
-            cells.append(reaching + np.array([0, key_y * REGION, key_x * REGION]))
-            scores.append(each[tuple(reaching.T)].astype(np.int64))
-    return CountedCells.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.map.cell)
-
-
 def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> CountedCells:
-    """Find every cell whose count reaches a ratio (above 0 to 1) of the highest one: the same as `count_all` finds.
+    """Find every cell whose count reaches a ratio of the highest one, at most `MOST_KEPT` of them.
 
-    In each region, the bound of a block of 4 x 4 cells counts every point that matches at any cell of the block. Blocks
-    that may reach the ratio of the best count so far, of all regions, are split into squares of 2 x 2 cells, the
-    highest bound first, and these into cells. Threads share headings and squares; what is found does not depend on
-    their number (D8). At most the `MOST_KEPT` highest cells are found; then `left_out` says how high others may count.
+    The bound of a block of 4 x 4 cells counts points that match at any of them. Blocks that may reach the ratio of the
+    best count so far are split into squares, the highest bound first, and these into cells. Threads share headings and
+    squares, and do not change what is found (D8).
     """
     with ThreadPoolExecutor(n_threads) as pool:
         search = _Filter(regions, scan.turned(HEADINGS, regions.map.cell), ratio, pool, n_threads)
@@ -295,10 +263,7 @@ def _count_parts(grid: NDArray[np.uint8], turned: TurnedScan, nodes: Nodes, step
 
 
 def recount(scan: CoarseScan, candidates: CountedCells, half: CoarseMap) -> CountedCells:
-    """Count the cells around large ones once more, in voxels of half the edge, by a scan of more points.
-
-    Returns for each candidate the best cell around it, the first in index order; the highest count first.
-    """
+    """Return the best cell around each large one, counted in voxels of half the edge, by a scan of more points."""
     squares = (2 * candidates.cells + [0, 1, 1])[:, None, :] + SQUARES
     squares[..., 0] %= len(HALF_HEADINGS)
     used, heading = np.unique(squares[..., 0], return_inverse=True)

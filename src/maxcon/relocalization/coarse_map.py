@@ -1,16 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The map in large voxels at their height above the ground, and the cells in which a scanner may stand.
-
-With heights above the ground a scan needs no height to be compared with the map. A voxel keeps no normals, but which
-orientation bins they are in.
-"""
+"""The map in large voxels with heights above ground and orientation bins, and cells where a scanner may stand."""
 
 from collections import defaultdict
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +15,6 @@ from maxcon.errors import MapError
 from maxcon.map import PointMap, TileKey
 from maxcon.map.tile import TileCache
 from maxcon.relocalization.kernels import BLOCK, N_BLOCKS, REGION
-
-if TYPE_CHECKING:
-    from maxcon.map.ground import GroundPatch
 
 HIGHEST = 30.0  # m above the ground: voxels, and points, higher up do not take part
 BESIDE_GROUND = 2.0  # m; a scanner may stand up to so far from known ground: a parked truck hides some
@@ -112,10 +105,7 @@ def blocks_of(is_allowed: NDArray[np.bool_]) -> NDArray[np.uint64]:
 
 
 class CoarseMap:
-    """A level of a map with heights above the ground, tile by tile and region by region; those used last are kept.
-
-    `cell`: edge of its voxels, and of cells, m, of which the nearest level is taken. MapError without ground.
-    """
+    """A level of a map with heights above the ground; tiles and regions used last are kept. MapError without ground."""
 
     def __init__(self, point_map: PointMap, cell: float) -> None:
         if not point_map.has_ground:
@@ -158,15 +148,15 @@ class CoarseMap:
         edge, cell = self.level.tile_voxels, self.cell
         half = 0.5 * edge * cell
         patch = self.map.ground_around((2 * key[0] + 1) * half, (2 * key[1] + 1) * half, half + GROUND_MARGIN)
-        heights, distances = _filled(patch)
+        (heights, *_), distances = patch.filled()
         cells = np.arange(edge) + 0.5
         x, y = (key[0] * edge + cells) * cell, (key[1] * edge + cells) * cell
-        is_allowed = distances[_nearest_cells(patch, x[None, :], y[:, None])] <= BESIDE_GROUND
+        is_allowed = distances[patch.cells_at(x[None, :], y[:, None])] <= BESIDE_GROUND
         if key not in self.map.tile_keys:
             return CoarseTile(np.empty((0, 2), np.int32), np.empty(0, np.int16), np.empty(0, np.uint8), is_allowed)
         tile = self.level.tile(key)
         points = tile.mean_points(cell)
-        layers = np.floor((points[:, 2] - heights[_nearest_cells(patch, points[:, 0], points[:, 1])]) / cell)
+        layers = np.floor((points[:, 2] - heights[patch.cells_at(points[:, 0], points[:, 1])]) / cell)
         kept = (layers >= 0) & (layers < self.n_layers)
         bins = _bins_of_voxels(tile.normals, is_signed=self.map.is_signed)
         return CoarseTile(tile.voxels[kept, :2], layers[kept].astype(np.int16), bins[kept], is_allowed)
@@ -191,28 +181,3 @@ def _bins_of_voxels(normals: NDArray[np.float32], *, is_signed: bool) -> NDArray
         along = normals[:, 0] * np.cos(number * BIN_WIDTH) + normals[:, 1] * np.sin(number * BIN_WIDTH)
         bits[(along if is_signed else np.abs(along)) > LEAST_COSINE] |= np.uint8(1 << number)
     return bits
-
-
-def _filled(patch: "GroundPatch") -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """The lowest level of a patch of ground, that of the nearest cell where there is none, and how far that is, m.
-
-    Where a patch has no ground at all, heights are NaN and infinitely far.
-    """
-    from scipy.ndimage import distance_transform_edt
-
-    heights = patch.heights[0]
-    is_unknown = np.isnan(heights)
-    if is_unknown.all():
-        return heights, np.full(heights.shape, np.inf)
-    distances, (rows, columns) = distance_transform_edt(is_unknown, sampling=patch.edge, return_indices=True)
-    return heights[rows, columns], distances
-
-
-def _nearest_cells(
-    patch: "GroundPatch", x: NDArray[np.floating], y: NDArray[np.floating]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Row and column of the cells of a patch of ground that places lie in, or the nearest."""
-    _, ny, nx = patch.heights.shape
-    rows = np.clip(np.floor(y / patch.edge).astype(np.int64) - patch.first[1], 0, ny - 1)
-    columns = np.clip(np.floor(x / patch.edge).astype(np.int64) - patch.first[0], 0, nx - 1)
-    return rows, columns

@@ -20,13 +20,10 @@ ALL_BITS = np.uint64(2**64 - 1)
 def bound_blocks(blocks, layers, columns, bins, rows, margin, least, bounds):
     """Count the points that match anywhere in each block, at each heading: a bound for all its cells.
 
-    The 64 blocks of a row are counted at once by bit-sliced counters: each bit of a word belongs to one block. A word
-    of matches says which of them match a point; word k of the counters has bit k of their counts.
-
-    blocks : (layers, 8, BLOCK, BLOCK, n, 2) uint64, see `Voxels.blocks`; layers : (points,) int64; columns :
-    (h, points, 2) int32; bins : (h, points) uint8; rows : (64,) uint64, blocks that are asked for; margin : cells
-    before the first of the region; least : bounds lower than this do not matter; bounds : (h, 64, 64) uint16, (Y, X),
-    out, 0 where they do not.
+    The 64 blocks of a row are counted at once by bit-sliced counters: each bit of a word belongs to one block; word k
+    of the counters has bit k of their counts. blocks : see `Region.blocks`; layers : (points,) int64; columns :
+    (h, points, 2) int32; bins : (h, points) uint8; rows : (64,) uint64, those asked for; margin : cells before the
+    first of the region; bounds : (h, 64, 64) uint16, (Y, X), out, 0 where lower than `least`.
     """
     flat = blocks.reshape(-1)
     counters = np.empty((N_BLOCKS, COUNTER_BITS), np.uint64)
@@ -110,11 +107,10 @@ def _read_counters(counters, row, least, bounds):
 
 @njit(nogil=True, cache=True)
 def count_children(grid, layers, columns, bins, nodes, step, margin, counts):
-    """Count the matches of the four parts of some squares of cells.
+    """Count the matches of the four parts (0, 0), (0, 1), (1, 0), (1, 1), (y, x), `step` cells wide, of squares.
 
-    grid : (layers, n, n) uint8; layers, columns, bins : as of `bound_blocks`; nodes : (m, 3) int64, heading by its
-    number here and first cell (y, x) in the region; step : edge of a part, in cells; margin : as of `bound_blocks`;
-    counts : (m, 4) uint16, out, of the parts at (0, 0), (0, 1), (1, 0), (1, 1), (y, x).
+    grid : (layers, n, n) uint8; nodes : (m, 3) int64, heading by its number here and first cell (y, x) in the region;
+    counts : (m, 4) uint16, out; the others as of `bound_blocks`.
     """
     width = grid.shape[2]
     flat = grid.reshape(-1)

@@ -71,30 +71,21 @@ class Relocalization:
 class Relocalizer:
     """Finds where in a map scans were taken, at any place and heading.
 
-    The map in large voxels is made tile by tile, when first needed; what was used last is kept, at most three quarters
-    of a gigabyte.
+    The map in large voxels is made tile by tile, when first needed, of at most three quarters of a gigabyte.
 
     - point_map: with ground, above which a scanner stands.
-    - around: middle (x, y) of a circle in which the scanner stands, local frame, m; anywhere in the map if not given.
-    - radius: of that circle, m.
+    - around, radius: middle (x, y), local frame, and radius, m, of a circle in which the scanner stands; else anywhere.
     - n_threads: headings and places searched at the same time; the answer does not depend on it.
-    - trust: thresholds for an answer to be called localized; those of a search around a prior, but with a least share
-      of matches of 0.1, if not given.
+    - trust: thresholds for an answer to be called localized; with a least share of matches of 0.1, if not given.
     - risk: the error may be larger than the protection level with at most this probability.
 
     A MapError if the map has no ground, or voxels of more than half a metre.
     """
 
     def __init__(
-        self,
-        point_map: PointMap,
-        around: tuple[float, float] | None = None,
-        radius: float = 300.0,
-        *,
-        n_threads: int = 1,
-        trust: Trust | None = None,
-        risk: float = 0.01,
-    ) -> None:
+        self, point_map: PointMap, around: tuple[float, float] | None = None, radius: float = 300.0, *,
+        n_threads: int = 1, trust: Trust | None = None, risk: float = 0.01,
+    ) -> None:  # fmt: skip
         check_threads(n_threads)
         if not 0.0 < risk < 1.0:
             raise OptionError(f"Expected `risk` above 0 and below 1, got {risk}. The default is 0.01.")

@@ -10,8 +10,7 @@ from maxcon.geometry import interpolate_poses
 from maxcon.geometry.arrays import as_points
 from maxcon.scan.trajectory import Trajectory
 
-MAX_GAP = 0.5
-"""Between two poses of the motion to interpolate across, s."""
+MAX_GAP = 0.5  # between two poses of the motion to interpolate across, s
 MAX_BEYOND = 0.15
 """A scan may begin before the first pose of the motion, or end after the last, by this much, s: the motion goes on as
 between the two poses there."""
@@ -20,15 +19,9 @@ between the two poses there."""
 def deskew(
     points_sensor: ArrayLike, times: ArrayLike, motion: Trajectory, time: float, max_gap: float = MAX_GAP
 ) -> NDArray[np.float64]:
-    """Return points as they would have been measured at one time.
+    """Return points (n, 3), m, each in the sensor frame at its own time (n,), s, as if all were measured at one time.
 
-    points_sensor: shape (n, 3); each in the sensor frame at its own time, m.
-    times: shape (n,); when each was measured, s, on the clock of the motion.
-    motion: T_any_sensor in any frame that stands: odometry, or a prior. Between its poses positions are linear and
-        turns take the shortest arc.
-    time: s.
-    max_gap: largest time between two poses to interpolate across, s.
-    Returns shape (n, 3); sensor frame at `time`, m.
+    `motion` is T_any_sensor in any frame that stands: positions are linear in it, turns take the shortest arc.
     """
     points = as_points(points_sensor, "points_sensor")
     at = np.asarray(times, dtype=np.float64)
@@ -47,11 +40,9 @@ def deskew(
 
 
 def times_of_turn(points_sensor: ArrayLike, turn_time: float) -> NDArray[np.float64]:
-    """When each point, (n, 3), of a spinning scanner's turn was measured, by the direction it lies in, shape (n,).
+    """When each point, (n, 3), of a spinning scanner's turn was measured, (n,), s from its middle, which looks forward.
 
-    In s from the middle of the turn, when the scanner looks forward: turns begin and end behind. The points are in the
-    sensor frame, x forward, m, not deskewed; a turn takes `turn_time` (s), clockwise seen from above, negative for
-    counter-clockwise.
+    x is forward; a turn takes `turn_time` (s), clockwise seen from above, negative for counter-clockwise.
     """
     points = as_points(points_sensor, "points_sensor")
     return np.asarray(np.arctan2(points[:, 1], points[:, 0]) * (-turn_time / (2.0 * np.pi)), dtype=np.float64)

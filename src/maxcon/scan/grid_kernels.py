@@ -133,9 +133,8 @@ def _pick_run(sorted_points, first, last, most, candidates, n):
 
 @njit(nogil=True, cache=True)
 def pick_candidates(grid, cell, rows, columns, candidates):
-    """Write candidate neighbours of a cell's points: those of at most so many rows and columns away, evenly picked.
+    """Write candidate neighbours, at most so many rows and columns away, evenly picked: x, then y, then z, m.
 
-    candidates : (3 STRIDE,), out, x, from STRIDE on y, from 2 STRIDE on z, m.
     Returns how many there are, those at infinity that fill up included, and whether the window is full (see ENOUGH).
     """
     most = np.uint32(max(LEAST_PER_ROW, min(MOST_PER_ROW, MOST_PER_WINDOW // (2 * rows + 1))))
@@ -163,10 +162,9 @@ def pick_candidates(grid, cell, rows, columns, candidates):
 
 @njit(nogil=True, cache=True)
 def sorted_grid(points, elevations, azimuths, lowest, highest):
-    """Sort points into a grid with `CELLS_PER_WINDOW` rows per half height of the lowest window.
+    """Sort points (n, 3), m, into a grid with `CELLS_PER_WINDOW` rows per half height of the lowest window.
 
-    points : (n, 3), sensor frame, m; elevations, azimuths : (n,), rad; lowest, highest : of the elevations, rad.
-    Returns the grid, and the number of the point in each of its places, (n,).
+    Returns the grid, and the number of the point in each of its places, (n,). Angles are in rad.
     """
     first = np.empty(BANDS, np.int64)
     height = WINDOWS[first_windows(elevations, azimuths, lowest, highest, first)]

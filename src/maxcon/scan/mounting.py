@@ -15,8 +15,7 @@ from maxcon.geometry import Pose
 from maxcon.geometry.pose import quaternions_from_angles
 from maxcon.scan.trajectory import Trajectory
 
-LARGEST_OFFSET = 100.0
-"""Of a part from the vehicle's origin, m: larger ones are millimetres."""
+LARGEST_OFFSET = 100.0  # of a part from the vehicle's origin, m: larger ones are millimetres
 MOST_SCANNERS = 16
 ADVICE = "Positions are in m, angles in degrees; see docs/priors.md"
 LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -24,39 +23,25 @@ LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class MountedScanner:
-    """One of several scanners of a vehicle: its name, where it is, and where its clouds come from.
-
-    `topic` is that of its clouds in a recording; `scans` its own folder of scans, or recording, None for the one that
-    all share.
-    """
+    """One of several scanners of a vehicle: the topic of its clouds in a recording, or its own scans."""
 
     name: str
     T_vehicle_sensor: Pose
-    topic: str | None = None
-    scans: Path | None = None
+    topic: str | None = None  # of its clouds in a recording
+    scans: Path | None = None  # its own folder of scans, or recording; None for the one that all share
 
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Where the parts of a vehicle are in its frame: x forward, y left, z up.
+    """Where the parts of a vehicle are in its frame: x forward, y left, z up."""
 
-    T_vehicle_sensor: the scanner.
-    T_vehicle_prior: what the prior's poses are those of: an antenna, or an IMU.
-    T_vehicle_odometry: what the odometry's poses are those of; None: the scanner, or with several the vehicle.
-    scanners: of several scanners all, in the order of the file; points and poses are in the vehicle's frame then.
-    """
-
-    T_vehicle_sensor: Pose = LEVEL
-    T_vehicle_prior: Pose = LEVEL
-    T_vehicle_odometry: Pose | None = None
-    scanners: tuple[MountedScanner, ...] = ()
+    T_vehicle_sensor: Pose = LEVEL  # the scanner
+    T_vehicle_prior: Pose = LEVEL  # what the prior's poses are those of: an antenna, or an IMU
+    T_vehicle_odometry: Pose | None = None  # None: the scanner, or with several the vehicle
+    scanners: tuple[MountedScanner, ...] = ()  # of several all; points and poses are in the vehicle's frame then
 
     def of_prior(self, trajectory: Trajectory, *, has_orientations: bool = True) -> Trajectory:
-        """Return T_map_sensor from a prior's poses T_map_prior.
-
-        Where its orientations are not measured they are the course over ground, which is that of the vehicle, however
-        an antenna is turned.
-        """
+        """Return T_map_sensor from a prior's T_map_prior; orientations not measured are the vehicle's course."""
         T_vehicle_prior = self.T_vehicle_prior
         if not has_orientations:
             T_vehicle_prior = LEVEL.translated(T_vehicle_prior.position)
@@ -70,10 +55,7 @@ class Mounting:
 
 
 def sensor_trajectory(trajectory: Trajectory, T_part_sensor: Pose) -> Trajectory:
-    """Return T_map_sensor from T_map_part of a part of the same rigid vehicle, with the covariances that follow.
-
-    An error of the part's heading moves the sensor by as much as it is away.
-    """
+    """Return T_map_sensor from T_map_part of a part of the same rigid vehicle, with the covariances that follow."""
     from scipy.spatial.transform import Rotation
 
     turns = Rotation.from_quat(trajectory.quaternions_xyzw)
@@ -89,12 +71,7 @@ def sensor_trajectory(trajectory: Trajectory, T_part_sensor: Pose) -> Trajectory
 
 
 def read_mounting(path: str | os.PathLike[str]) -> Mounting:
-    """Return what a TOML file says of where scanner, prior and odometry are in the vehicle; else a FileError.
-
-    Tables [sensor], [prior] and [odometry], each with `position`, x forward, y left, z up from any point of the
-    vehicle (m), and roll_deg, pitch_deg, heading_deg (degrees). What is not there is 0. Instead of [sensor] one
-    table [scanner.NAME] for each of several, with `topic`, or with `scans`, a path from the file on.
-    """
+    """Return what a TOML file says of where scanner, prior and odometry are in the vehicle (docs/priors.md)."""
     from msgspec import Meta, Struct
 
     Metres = Annotated[float, Meta(ge=-LARGEST_OFFSET, le=LARGEST_OFFSET)]

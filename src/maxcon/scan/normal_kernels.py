@@ -37,11 +37,9 @@ LEVEL = 0.9
 
 @njit(nogil=True, cache=True)
 def _take_block(grid, pending, first, factor, block):
-    """Fill a block with pending points, from number `first` on, whose next window is not higher than `HIGHEST`.
+    """Fill a block with pending points from number `first` on; return how many, and the number to go on with.
 
     pending : (m,), places of points in the grid; factor : height of the next window over that of the first.
-    block : out, places (BLOCK,), x, y, z (3 BLOCK,), half heights of windows (BLOCK,), rad. Returns how many were
-    taken, and the number of the pending point to go on with.
     """
     places, points, heights = block
     n, k = 0, first
@@ -115,8 +113,7 @@ def _write_normals(n, block, moments, squares, planes, normals, is_spread):
 def _fit_pending(grid, pending, factor, normals):
     """Fit planes to the neighbours of pending points, in windows of `factor` times the height that is tried first.
 
-    pending : (m,) uint32, ascending places in the grid, in and out: those to try again in a higher window are moved to
-    the front; normals : (n, 3), out, by place in the grid. Returns how many there are to try again.
+    pending : (m,) uint32, in and out: those to try again in a higher window come to the front; how many is returned.
     """
     block = np.empty(BLOCK, np.uint32), np.empty(3 * BLOCK), np.empty(BLOCK)
     reaches = np.empty(BLOCK), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
@@ -144,10 +141,7 @@ def _fit_pending(grid, pending, factor, normals):
 
 @njit(nogil=True, cache=True)
 def _worthwhile_growths(grid, normals):
-    """How often windows must grow to find nearly all planes that are not level, in a sample of the points.
-
-    normals : (n, 3), a buffer to write to.
-    """
+    """How often windows must grow to find nearly all planes that are not level, in a sample of the points."""
     step = (len(grid.points) + SAMPLE - 1) // SAMPLE
     sample = np.arange(0, len(grid.points), step).astype(np.uint32)
     pending, n_pending = sample.copy(), len(sample)
@@ -165,10 +159,9 @@ def _worthwhile_growths(grid, normals):
 
 @njit(nogil=True, cache=True)
 def scan_planes(points, elevations, azimuths, lowest, highest, is_asked, normals):
-    """Write the normal of the plane through each asked point and its neighbours, turned to the sensor.
+    """Write the normal of the plane through each asked point and its neighbours, (n, 3), turned to the sensor.
 
-    points : (n, 3) float64, sensor frame, m, n > 0; elevations, azimuths : (n,), rad; lowest, highest : of the
-    elevations, rad; is_asked : (n,); normals : (n, 3) float64, out, zeros where there is no plane, or none is asked.
+    points : (n, 3) float64, sensor frame, m, n > 0; elevations, azimuths : (n,), rad; lowest, highest : of the former.
     """
     grid, order = sorted_grid(points, elevations, azimuths, lowest, highest)
     sorted_normals = np.zeros_like(points)

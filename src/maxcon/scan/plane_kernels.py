@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Compiled: the plane through points, from their second moments.
 
-`covariance` and `plane_normal` are the definition, for one neighbourhood; `sum_near` and `plane_normals` are for
-thousands of them: block by block, each quantity of a block in consecutive memory, so that the loops are vectorized.
+`covariance` and `plane_normal` are the definition; `sum_near` and `plane_normals` do it block by block, vectorized.
 """
 
 import numpy as np
@@ -18,10 +17,7 @@ NEWTON_STEPS = 7
 
 @njit(nogil=True, cache=True)
 def covariance(count, sums, outers, matrix):
-    """Covariance matrix (3, 3), out, of `count` points from their sums (3,) and sums of products (6,).
-
-    Products in the order xx, xy, xz, yy, yz, zz.
-    """
+    """Covariance matrix (3, 3), out, of `count` points from sums (3,) and sums of products xx, xy, xz, yy, yz, zz."""
     mean_x, mean_y, mean_z = sums[0] / count, sums[1] / count, sums[2] / count
     matrix[0, 0] = outers[0] / count - mean_x * mean_x
     matrix[0, 1] = matrix[1, 0] = outers[1] / count - mean_x * mean_y
@@ -33,11 +29,10 @@ def covariance(count, sums, outers, matrix):
 
 @njit(nogil=True, cache=True)
 def plane_normal(matrix, normal):
-    """Write the eigenvector of the smallest eigenvalue of a covariance matrix; return all three eigenvalues.
+    """Write the eigenvector of a covariance matrix's smallest eigenvalue; return all three eigenvalues, ascending.
 
-    The eigenvalues (ascending) by the trigonometric solution of the characteristic cubic; the vector as
-    the largest cross product of two rows of (matrix - eigenvalue I). matrix : (3, 3) float64 symmetric;
-    normal : (3,) float64, out, zeros where every direction is the same.
+    By the trigonometric solution of the characteristic cubic; the vector is the largest cross product of two rows of
+    (matrix - eigenvalue I). normal : (3,) float64, out, zeros where every direction is the same.
     """
     normal[:] = 0.0
     mean = (matrix[0, 0] + matrix[1, 1] + matrix[2, 2]) / 3.0
@@ -86,8 +81,7 @@ def sum_near(candidates, stride, n, x0, y0, z0, gate, moments, place):
     """Write the moments, about a point (x0, y0, z0), of those candidates that lie within `gate` (m) of it.
 
     candidates : flat float64, x of n candidates, from `stride` on y, from 2 `stride` on z, m; moments : (10 BLOCK,)
-    float64, out at `place` of the block. The compiler may reorder the sums, always in the same way: equal candidates
-    give equal moments.
+    float64, out at `place` of the block. Sums may be reordered, but always in the same way.
     """
     squared_gate = gate * gate
     count = 0.0
@@ -135,11 +129,9 @@ def _covariance_in_block(moments, k):
 def plane_normals(n, moments, planes):
     """Find smallest and middle eigenvalue, and the eigenvector of the smallest, of n covariance matrices.
 
-    The same as `covariance` and `plane_normal`, up to rounding, where the smallest eigenvalue is at most half the
-    middle one, as it is for a plane; elsewhere the values only tell that it is more. NaN where all points coincide.
-    Newton's steps on the characteristic polynomial climb from 0 to its smallest root without overshooting it.
-    moments : (10 BLOCK,) float64; planes : (5 BLOCK,) float64, out: BLOCK smallest, BLOCK middle eigenvalues,
-    BLOCK x, y, z of the vectors.
+    As `covariance` and `plane_normal`, up to rounding, where the smallest eigenvalue is at most half the middle one;
+    elsewhere the values only tell that it is more. NaN where all points coincide. Newton's steps on the characteristic
+    polynomial climb from 0 to its smallest root. moments : (10 BLOCK,); planes : (5 BLOCK,), out.
     """
     for k in range(n):
         xx, xy, xz, yy, yz, zz = _covariance_in_block(moments, k)
@@ -171,12 +163,10 @@ def plane_normals(n, moments, planes):
 
 @njit(nogil=True, cache=True)
 def squares_across(n, points, moments, squares):
-    """Write the mean square deviation across the rings of n neighbourhoods, as the sensor sees them.
+    """Write the mean square deviation across the rings of n neighbourhoods, m^2, as the sensor sees them.
 
-    The deviation in elevation from the straight line over azimuth that fits best: a single ring has next to none,
-    however noisy its ranges are, also where the motion of the sensor makes it slope.
-    points : (3 BLOCK,) float64, x of the points about which the moments are, then y, then z, m; moments : (10 BLOCK,)
-    float64; squares : (BLOCK,) float64, out, m^2, NaN straight above and below the sensor.
+    The deviation in elevation from the best straight line over azimuth: a single ring has next to none, however noisy
+    its ranges are. points : (3 BLOCK,), x, then y, then z, m; moments : (10 BLOCK,); squares : (BLOCK,), out.
     """
     for k in range(n):
         x, y, z = points[k], points[BLOCK + k], points[2 * BLOCK + k]

@@ -1,10 +1,14 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Scan: the points of one epoch, in the sensor frame; and thinning, as near surfaces have most of its points."""
+"""Scan: the points of one epoch, in the sensor frame, with their normals; and thinning.
 
-from __future__ import annotations
+A ring scanner's points lie 0.2 degrees apart along a ring and 2 degrees apart across: the nearest neighbours of a point
+are all on its own ring, and say nothing of the surface. So its normal is that of a window of angles around it that
+grows until more than one ring is in it. Near surfaces have most of the points: thinning leaves one in each cube.
+"""
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -13,15 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals, read_only_view
-from maxcon.geometry.pose import rotation_matrices
-from maxcon.scan.normals import Viewpoints, estimate_scan_normals
+from maxcon.geometry.pose import Pose, rotation_matrices
 
-SAMPLE_EDGE = 0.4
-"""Edge of the cubes of `Scan.sample`, m."""
+SAMPLE_EDGE = 0.4  # edge of the cubes of `Scan.sample`, m
 NEAREST_GROUND, FARTHEST_GROUND = 2.5, 30.0
 """Ground is looked for between these distances, m: nearer there is the vehicle, farther rings lie apart."""
-GROUND_CELL, GROUND_THICKNESS = 0.5, 0.12
-"""Of each cell the points up to so much above the lowest are taken, m."""
+GROUND_CELL, GROUND_THICKNESS = 0.5, 0.12  # of each cell the points up to so much above the lowest are taken, m
 GROUND_TILT_STEP = math.radians(4.0)
 """Cells are level to a half of this: the points of many poses are those of one search."""
 
@@ -33,32 +34,69 @@ def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return values
 
 
+def estimate_scan_normals(
+    points: NDArray[np.float64], is_asked: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
+    """Unit normals (n, 3) of a scan's points (n, 3), m, sensor frame, turned to the sensor; zeros where none is found.
+
+    Only those asked for (n,) are estimated. Windows reach 6.9 degrees above and below a point: nearer than 1.25 m there
+    are none. The same points in another order have the same normals, to the last bit.
+    """
+    from maxcon.scan.normal_kernels import scan_planes
+    from maxcon.scan.window_kernels import azimuths_of, elevations_of, extremes
+
+    points = np.ascontiguousarray(as_points(points, "points"))
+    normals = np.empty_like(points)
+    if len(points) == 0:
+        return normals
+    elevations, azimuths = elevations_of(points.ravel()), azimuths_of(points.ravel())
+    lowest, highest = extremes(elevations)
+    asked = np.ones(len(points), np.bool_) if is_asked is None else is_asked
+    scan_planes(points, elevations, azimuths, lowest, highest, asked, normals)
+    return normals
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Viewpoints:
+    """Where the points of an epoch were measured from, by several scanners of one vehicle."""
+
+    scanners: NDArray[np.int64]  # (n,): index into `poses`: which scanner each point comes from
+    poses: tuple[Pose, ...]  # T_vehicle_sensor of each scanner
+
+    def __post_init__(self) -> None:
+        if len(self.scanners) and not 0 <= self.scanners.min() <= self.scanners.max() < len(self.poses):
+            raise ArrayError(
+                f"Expected `scanners` from 0 to {len(self.poses) - 1}, got {self.scanners.min()} to"
+                f" {self.scanners.max()}."
+            )
+
+    def normals(self, points: NDArray[np.float64], is_asked: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+        """Return unit normals, (n, 3), of points, (n, 3), m, in the vehicle's frame, for each scanner by itself."""
+        normals = np.zeros_like(points)
+        for number, pose in enumerate(self.poses):
+            rows = np.flatnonzero(self.scanners == number)
+            points_sensor = (points[rows] - pose.position) @ pose.rotation
+            asked = None if is_asked is None else is_asked[rows]
+            normals[rows] = estimate_scan_normals(points_sensor, asked) @ pose.rotation.T
+        return normals
+
+
 class Scan:
     """The points of one epoch with their normals, as read-only copies.
 
-    Parameters
-    ----------
-    points : array_like, shape (n, 3)
-        Sensor frame, m, finite. Drop (0, 0, 0) and NaN returns first (the readers do).
-    normals : array_like, shape (n, 3), optional
-        Unit normals in the sensor frame, turned to the sensor's side; a row of zeros where there is none. Estimated
-        from the points when first asked for if None.
-    time : float
-        When the scan was taken, s.
-    viewpoints : Viewpoints, optional
-        Where each point was measured from, if several scanners did; the sensor frame is the vehicle's then. Without
-        them all were measured from (0, 0, 0).
+    - points: shape (n, 3), sensor frame, m, finite. Drop (0, 0, 0) and NaN returns first (the readers do).
+    - normals: shape (n, 3), unit normals in the sensor frame, turned to the sensor's side, zeros where there is none;
+      estimated from the points when first asked for if None.
+    - time: when the scan was taken, s.
+    - viewpoints: where each point was measured from, if several scanners did; the sensor frame is the vehicle's then.
 
     An ArrayError if a shape is wrong, a value is not finite or a normal is not a unit vector.
     """
 
     def __init__(
-        self,
-        points: ArrayLike,
-        normals: ArrayLike | None = None,
-        time: float = 0.0,
+        self, points: ArrayLike, normals: ArrayLike | None = None, time: float = 0.0,
         viewpoints: Viewpoints | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.points: NDArray[np.float64] = _frozen(as_points(points, "points").copy())
         self.time = float(time)
         self.viewpoints = viewpoints
@@ -78,7 +116,7 @@ class Scan:
             return _frozen(self.viewpoints.normals(self.points))
         return _frozen(estimate_scan_normals(self.points))
 
-    def thinned(self, edge: float) -> Scan:
+    def thinned(self, edge: float) -> "Scan":
         """Return the scan with one of its points in each cube of an edge (m) of a grid in the sensor frame; 0 for all.
 
         A point with a normal comes before one without, then the nearest to the middle of the cube: which points are
@@ -94,7 +132,7 @@ class Scan:
         return self._thinned[edge]
 
     @cached_property
-    def sample(self) -> Scan:
+    def sample(self) -> "Scan":
         """One of the points, drawn by lot, in each cube of `SAMPLE_EDGE`, with their normals.
 
         Points are drawn before normals are known: these are estimated for them alone, from all points around. More
@@ -123,7 +161,7 @@ class Scan:
             )
         return self._lowest[steps]
 
-    def _part(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> Scan:
+    def _part(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> "Scan":
         """A scan of some of the points, which were checked already."""
         part = object.__new__(Scan)
         part.points, part.normals = _frozen(points), _frozen(normals)
@@ -146,17 +184,11 @@ class Scan:
 def one_per_cube(
     points: NDArray[np.float64], normals: NDArray[np.float64], edge: float, *, by_lot: bool = False
 ) -> NDArray[np.int64]:
-    """Indices, ascending, of one of the points in each cube of a grid with a corner at (0, 0, 0).
+    """Indices, ascending, of one of the points (n, 3), m, in each cube of an edge (m), whatever their order.
 
-    A point with a normal is preferred to one without, then the nearest to the middle of the cube, then the one of the
-    smallest x, y, z: which points are kept does not depend on the order they come in.
-
-    points, normals: shape (n, 3); m, any frame; unit normals, zeros for none.
-    edge: of a cube, m, above 0.
-    by_lot: whether a hash of the coordinates draws the point, and not the distance from the middle, which prefers the
-        side of a noisy surface on which the middle lies, and so moves a pose by millimetres. The grid is then turned
-        against the axes: else, where a wall runs along the sides of cubes, its few stray points beyond them would fill
-        as many cubes as all others, and weigh as much.
+    A point with a normal comes first, then the nearest to the middle; or, `by_lot`, one drawn by a hash of coordinates:
+    the nearest prefers a side of a noisy surface, and so moves a pose by millimetres. The grid is turned then: where a
+    wall runs along the sides of cubes, a few stray points beyond them would weigh as much as all others.
     """
     from maxcon.scan import thinning_kernels
 

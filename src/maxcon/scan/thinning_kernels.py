@@ -50,11 +50,7 @@ def _comes_before(i, j, points, normals):
 
 @njit(nogil=True, cache=True)
 def one_per_cube(points, normals, edge, by_lot):
-    """Numbers, (m,) int64, of one point of those in each cube; see `scan.one_per_cube`.
-
-    points, normals : (n, 3) float64; edge : of a cube, m; by_lot : whether a hash of the coordinates replaces the
-    distance from the middle, and the grid is turned by `ASKEW`. In the order in which cubes are first met.
-    """
+    """Numbers, (m,) int64, of one point of those in each cube, in the order in which cubes are first met."""
     n = points.shape[0]
     n_bits = np.uint64(4)
     while (np.int64(1) << np.int64(n_bits)) < 2 * n:
@@ -105,11 +101,10 @@ def one_per_cube(points, normals, edge, by_lot):
 
 @njit(nogil=True, cache=True)
 def lowest_of_cells(points, rotation, edge, nearest, farthest, thickness):
-    """Find the means, (m, 3) float64, sensor frame, of the lowest points in each cell of a level grid about the sensor.
+    """Find the means, (m, 3), sensor frame, of the lowest points in each cell of a level grid about the sensor.
 
-    points : (n, 3) float64, sensor frame, m; rotation : (3, 3), makes the sensor level; edge : of a cell, m; nearest,
-    farthest : points nearer or farther than this, horizontally, are left out, m; thickness : points up to this above
-    the lowest of their cell are taken, m.
+    points : (n, 3), m; rotation : (3, 3), makes the sensor level; nearest, farthest : horizontally, m; thickness : so
+    far above the lowest of their cell points are taken, m.
     """
     n = points.shape[0]
     reach = np.int64(np.ceil(farthest / edge))

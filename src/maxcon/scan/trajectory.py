@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Trajectory: poses with their times, and the pose at any time between them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,8 +15,7 @@ from maxcon.geometry import Pose, interpolate_poses
 from maxcon.geometry.arrays import first_covariance_fault
 from maxcon.geometry.pose import angles_from_quaternions, quaternions_from_angles
 
-# A time this near to a pose's is that pose's: loggers round to the millisecond.
-SAME_TIME = 1e-3
+SAME_TIME = 1e-3  # A time this near to a pose's is that pose's: loggers round to the millisecond
 # Files with two decimals are off by 0.01; anything farther is another order of columns, not rounding.
 QUATERNION_TOLERANCE = 1e-2
 
@@ -31,16 +28,10 @@ class TrajectoryFault(NamedTuple):
 
 
 def first_fault(
-    times: NDArray[np.float64],
-    positions: NDArray[np.float64],
-    quaternions_xyzw: NDArray[np.float64],
+    times: NDArray[np.float64], positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64],
     covariances: NDArray[np.float64] | None = None,
-) -> TrajectoryFault | None:
-    """Return the first row whose time, position, quaternion or covariance cannot be used, or None if all can.
-
-    times, shape (n,), s; positions, shape (n, 3), m; quaternions_xyzw, shape (n, 4), not yet normalized; covariances,
-    shape (n, 3, 3), of x, y and heading, NaN where not known.
-    """
+) -> TrajectoryFault | None:  # fmt: skip
+    """Return the first row that cannot be used, with why, or None; covariances (n, 3, 3) are NaN where not known."""
     lengths = np.hypot.reduce(quaternions_xyzw, axis=1)
     is_finite = np.isfinite(times) & np.isfinite(positions).all(axis=1) & np.isfinite(lengths)
     is_later = np.ones(len(times), dtype=bool)
@@ -54,19 +45,18 @@ def first_fault(
         fault = first_covariance_fault(covariances[rows])
         return None if fault is None else TrajectoryFault(int(rows[fault[0]]), fault[1])
     row = int(np.argmin(is_good))
-    if not is_finite[row]:
-        return TrajectoryFault(row, "Expected finite numbers, got NaN or infinity. Leave this pose out.")
-    if not is_later[row]:
-        return TrajectoryFault(
-            row,
-            f"Expected times that increase, got {times[row]:.9f} s after {times[row - 1]:.9f} s."
-            " Sort the poses by time and keep one of each time.",
-        )
-    return TrajectoryFault(
-        row,
+    words = (
         f"Expected a unit quaternion (qx, qy, qz, qw), got length {lengths[row]:.3g}."
-        " Check the order of the columns, or leave this pose out.",
+        " Check the order of the columns, or leave this pose out."
     )
+    if not is_finite[row]:
+        words = "Expected finite numbers, got NaN or infinity. Leave this pose out."
+    elif not is_later[row]:
+        words = (
+            f"Expected times that increase, got {times[row]:.9f} s after {times[row - 1]:.9f} s."
+            " Sort the poses by time and keep one of each time."
+        )
+    return TrajectoryFault(row, words)
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
@@ -88,20 +78,13 @@ def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[n
 class Trajectory:
     """Poses T_map_sensor over time, in global coordinates; the arrays are read-only copies.
 
-    Parameters
-    ----------
-    times : array_like, shape (n,)
-        s, strictly increasing; at least one.
-    positions : array_like, shape (n, 3)
-        Global coordinates, m.
-    quaternions_xyzw : array_like, shape (n, 4)
-        Orientation of the sensor; unit length within 1 %, normalized here.
-    covariances : array_like, shape (n, 3, 3), optional
-        Of x, y and heading of each pose, axes of the CRS: m^2, m rad and rad^2. All of a pose's are NaN where it is not
-        known how well that one is known.
+    - times: shape (n,), s, strictly increasing; at least one.
+    - positions: shape (n, 3), global coordinates, m.
+    - quaternions_xyzw: shape (n, 4), orientation of the sensor; unit length within 1 %, normalized here.
+    - covariances: shape (n, 3, 3), of x, y and heading of each pose, axes of the CRS: m^2, m rad and rad^2; NaN of a
+      pose of which it is not known how well it is known. None if none's is.
 
-    An ArrayError if a shape is wrong or something is not a number; a TrajectoryError if there is no pose or a row has a
-    `first_fault`.
+    An ArrayError if a shape is wrong or something is not a number; a TrajectoryError if a row cannot be used.
     """
 
     times: NDArray[np.float64]
@@ -155,7 +138,7 @@ class Trajectory:
         """Return all poses, in order of time."""
         return _poses(self.positions, self.quaternions_xyzw)
 
-    def later(self, seconds: float) -> Trajectory:
+    def later(self, seconds: float) -> "Trajectory":
         """Return the same poses at times later by so many seconds."""
         return replace(self, times=self.times + seconds)
 

@@ -1,10 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: directions of a scan's points, and how high a window around one must be to hold more than one ring.
-
-The height is estimated from a sample of directions, as a first guess: `normal_kernels` decides at each point whether
-its window holds two rings.
-"""
+"""Compiled: directions of a scan's points, and a first guess of how high a window around one must be for two rings."""
 
 import numpy as np
 
@@ -66,10 +62,7 @@ def _angle(y, x):
 
 @njit(nogil=True, cache=True)
 def elevations_of(coordinates):
-    """Elevation of each point above the xy plane, (n,), rad.
-
-    coordinates : (3 n,) float64, sensor frame: x, y, z of the first point, then those of the second, and so on.
-    """
+    """Elevation of each point above the xy plane, (n,), rad, of coordinates (3 n,), point by point."""
     elevations = np.empty(len(coordinates) // 3)
     for i in range(len(elevations)):
         x, y = coordinates[3 * i], coordinates[3 * i + 1]
@@ -122,8 +115,8 @@ def _collect_strips(elevations, azimuths):
 def _window_of(elevations, k, width):
     """Return the number of the lowest window around the k-th of ascending elevations with more than one ring.
 
-    N_WINDOWS if there is none. width : of the strip the points lie in, rad: as a window is as wide as half its height,
-    the points of the strip stand for those of the window.
+    N_WINDOWS if there is none. A window is as wide as half its height: the points of a strip, `width` (rad) wide, stand
+    for those of the window.
     """
     low, high = k, k
     total, square = 0.0, 0.0
@@ -148,10 +141,7 @@ def _window_of(elevations, k, width):
 
 @njit(nogil=True, cache=True)
 def _low_window(votes):
-    """Return the number of the lowest window that is high enough for FIRST_SHARE of the votes.
-
-    votes : (N_WINDOWS + 1,), how many points need each window, those that none suffices for last.
-    """
+    """Return the number of the lowest window that is high enough for FIRST_SHARE of the votes (N_WINDOWS + 1,)."""
     so_far, total = 0, votes.sum()
     for window in range(N_WINDOWS - 1):
         so_far += votes[window]
@@ -162,10 +152,7 @@ def _low_window(votes):
 
 @njit(nogil=True, cache=True)
 def first_windows(elevations, azimuths, lowest, highest, first):
-    """Write the number of the window to try first in each of BANDS bands of elevation, and return the lowest of them.
-
-    elevations, azimuths : (n,), rad, n > 0; lowest, highest : of the elevations, rad; first : (BANDS,) int64, out.
-    """
+    """Write the number of the window to try first in each of BANDS bands of elevation (rad); return the lowest."""
     collected, starts, width = _collect_strips(elevations, azimuths)
     votes = np.zeros((BANDS, N_WINDOWS + 1), np.int64)
     for strip in range(len(starts) - 1):

@@ -13,7 +13,7 @@ from maxcon.io.raw_scan import DeskewedScans, MergedScans
 from maxcon.io.scans import RawScan, Scans
 from maxcon.lab.simulation.scanners import RotatingScanner
 from maxcon.scan import Scan
-from maxcon.scan.normals import estimate_scan_normals
+from maxcon.scan.scan import estimate_scan_normals
 from maxcon.scan.trajectory import Trajectory
 
 FRONT = Pose(1.8, 0.1, 0.4, 0.02, 0.05, 0.1)

@@ -14,7 +14,7 @@ import pytest
 from maxcon.errors import CrsError, FileError, MapError, OptionError
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.mapping.align import AlignmentOptions, align_files
-from maxcon.mapping.build.map_sigma import UNKNOWN_SIGMA, aligned_sigma
+from maxcon.mapping.build.point_statistics import UNKNOWN_SIGMA, aligned_sigma
 from maxcon.scan.trajectory import Trajectory
 from written_maps import run
 

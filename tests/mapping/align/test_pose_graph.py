@@ -16,10 +16,10 @@ from maxcon.mapping.align.alignment import (
     remaining_sigmas,
 )
 from maxcon.mapping.align.passes import Corrections, pose_of_twist
-from maxcon.mapping.align.pose_graph import Equations, Georeference, adjust, adjust_by_evidence
+from maxcon.mapping.align.pose_graph import Equations, adjust, adjust_by_evidence
 from maxcon.mapping.align.visits import Constraint
 
-PRIOR = Georeference(0.1, math.radians(0.05))
+PRIOR = np.repeat([0.1, math.radians(0.05)], 3)
 SIGMAS = np.repeat([0.003, math.radians(0.01)], 3)
 
 
@@ -28,8 +28,8 @@ def campaign(seed, n_passes=4, duration=60, drift=0.0, every=4, noise=1.0):
     rng = np.random.default_rng(seed)
     passes = passes_of([duration] * n_passes, seed)
     none = Corrections.none(passes, 10.0)
-    wholes = rng.normal(size=(n_passes, 6)) * PRIOR.sigmas
-    knots = rng.normal(size=none.knots.shape) * PRIOR.sigmas * (drift / PRIOR.sigma)
+    wholes = rng.normal(size=(n_passes, 6)) * PRIOR
+    knots = rng.normal(size=none.knots.shape) * PRIOR * (drift / PRIOR[0])
     true = none.changed(wholes, knots)
     constraints = []
     for step in range(2, duration, every):
@@ -153,7 +153,7 @@ def test_sets_of_passes_that_never_met_are_told():
 
 def test_the_datum_is_the_mean_of_the_priors_and_larger_noise_makes_all_less_sure():
     passes, none, _true, constraints = campaign(6)
-    mean = PRIOR.sigma / math.sqrt(4)
+    mean = PRIOR[0] / math.sqrt(4)
     assert mean < datum_sigma(passes, adjust(Equations(none, constraints), PRIOR, 0.0)) < 2.0 * mean
     _passes, none, _true, constraints = campaign(7, noise=3.0)
     assert adjust(Equations(none, constraints), PRIOR, 0.0).inflation == pytest.approx(3.0, rel=0.15)

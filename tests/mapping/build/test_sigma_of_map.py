@@ -10,7 +10,7 @@ import pytest
 from maxcon import PointMap
 from maxcon.errors import FileError
 from maxcon.mapping.build import MapOptions, build_map
-from maxcon.mapping.build.map_sigma import PLACE_EDGE, PlaceSample, aligned_sigma, compare_passes
+from maxcon.mapping.build.point_statistics import PLACE_EDGE, PlaceSample, aligned_sigma, compare_passes
 
 PAUSE = 300.0
 """Between passes, s."""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from maxcon import PointMap
 from maxcon.map import TILE_VOXELS
 from maxcon.mapping.build import MapOptions, build_map
-from maxcon.mapping.build.spacing import MARGIN, SQUARE, PointSpacing, nearest_distances, point_spacing
+from maxcon.mapping.build.point_statistics import MARGIN, SQUARE, PointSpacing, nearest_distances, point_spacing
 from maxcon.mapping.build.tile_points import POINT, TileBuckets, point_records
 
 EDGE = TILE_VOXELS * CELL
@@ -44,7 +44,7 @@ def test_a_grid_of_points_has_its_spacing_however_many_squares_are_looked_at(tmp
     points = sheet((-30, 40), (0, 30), flat, spacing=0.2)
     points[:, 2] = 0.0
     for most in (10**6, 20_000, 3000):
-        monkeypatch.setattr("maxcon.mapping.build.spacing.MOST_POINTS", most)
+        monkeypatch.setattr("maxcon.mapping.build.point_statistics.MOST_SAMPLED", most)
         found = point_spacing(buckets(tmp_path, points, cell), cell)
         assert (found.median, found.at_90) == pytest.approx((0.2, 0.2), abs=1e-6)
         assert found.cell == 0.24
@@ -52,7 +52,7 @@ def test_a_grid_of_points_has_its_spacing_however_many_squares_are_looked_at(tmp
 
 def test_squares_that_are_left_out_are_stood_for_by_others(tmp_path, monkeypatch):
     """A tile ten times as dense has nine tenths of the points, and is thinned out: its spacing is the median."""
-    monkeypatch.setattr("maxcon.mapping.build.spacing.MOST_POINTS", 20_000)
+    monkeypatch.setattr("maxcon.mapping.build.point_statistics.MOST_SAMPLED", 20_000)
     dense, thin = (sheet((a, a + 30), (0, 30), flat, spacing) for a, spacing in ((0, 0.1), (EDGE, 0.4)))
     found = point_spacing(buckets(tmp_path, np.concatenate([dense, thin])), CELL)
     assert (found.median, found.at_90) == pytest.approx((0.1, 0.1), abs=0.01)

@@ -14,8 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.geometry import Pose
-from maxcon.geometry.frame import voxel_centers
+from maxcon.geometry import Pose, voxel_centers
 from maxcon.map import PointMap, TileKey
 from maxcon.map.voxelize import turn_alike
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon._system import Progress
 from maxcon._system.atomic import atomic_folder, check_replaceable
@@ -25,7 +26,7 @@ from maxcon.io.trajectories import read_trajectory, write_csv, write_tum
 from maxcon.map import TileKey
 from maxcon.mapping.align.alignment import TABLES, Alignment, files_there, write_tables
 from maxcon.mapping.align.passes import Corrections, Passes, read_passes, survey
-from maxcon.mapping.align.pose_graph import Georeference, adjust_by_evidence
+from maxcon.mapping.align.pose_graph import adjust_by_evidence
 from maxcon.mapping.align.visits import Constraint, Places, Visit, match_visits, visits_of
 from maxcon.mapping.build.options import parse_classes
 from maxcon.mapping.build.sources import common_crs, open_headers
@@ -46,30 +47,17 @@ ResultT = TypeVar("ResultT")
 
 @dataclass(frozen=True, slots=True)
 class AlignmentOptions:
-    """How passes are aligned; OptionError if a number is out of range.
+    """How passes are aligned; OptionError if a number is out of range."""
 
-    - passes_by: what tells passes apart: "time", by pauses in gps_time; "source", by point source ids; "file".
-    - pause: seconds without a point that separate two passes, where times tell passes apart.
-    - georeference_sigma: how well each pass is georeferenced: standard deviation of its position along any axis, m.
-    - georeference_sigma_deg: the same of its roll, pitch and heading, degrees.
-    - drift_sigma: standard deviation, m, of how a pass's errors change within it, along any axis; 0 for rigid passes,
-      None to let the matches decide.
-    - knot_spacing: largest time between two knots of a pass that drifts, s; corrections are interpolated between knots.
-    - drop: classes that are not matched (they are moved like all others); vegetation, noise, temporal exclusion if
-      None.
-    - vehicle_classes: numbers of classes that mean vehicles: not matched either.
-    - crs: CRS of clouds that name none.
-    """
-
-    passes_by: str = "time"
-    pause: float = 20.0
-    georeference_sigma: float = 0.1
-    georeference_sigma_deg: float = 0.05
-    drift_sigma: float | None = None
-    knot_spacing: float = 10.0
-    drop: Sequence[str] | None = None
-    vehicle_classes: Iterable[int] = ()
-    crs: str | None = None
+    passes_by: str = "time"  # what tells passes apart: pauses in gps_time; "source": point source ids; "file"
+    pause: float = 20.0  # s without a point that separate two passes, where times tell passes apart
+    georeference_sigma: float = 0.1  # of each pass's position along any axis, before, m
+    georeference_sigma_deg: float = 0.05  # the same of its roll, pitch and heading, degrees
+    drift_sigma: float | None = None  # of how a pass's errors change within it, m; 0: rigid; None: the matches decide
+    knot_spacing: float = 10.0  # s, largest between two knots of a pass; corrections are interpolated between them
+    drop: Sequence[str] | None = None  # classes that are not matched, only moved; `DEFAULT_DROP` if None
+    vehicle_classes: Iterable[int] = ()  # numbers of classes that mean vehicles: not matched either
+    crs: str | None = None  # of clouds that name none
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
@@ -82,9 +70,9 @@ class AlignmentOptions:
             )
 
     @property
-    def georeference(self) -> Georeference:
-        """The prior of each pass."""
-        return Georeference(self.georeference_sigma, math.radians(self.georeference_sigma_deg))
+    def prior_sigmas(self) -> NDArray[np.float64]:
+        """Standard deviations of the twist of each pass a priori, shape (6,), m and rad."""
+        return np.repeat([self.georeference_sigma, math.radians(self.georeference_sigma_deg)], 3)
 
     def dropped_classes(self) -> frozenset[int]:
         """Class numbers that are not matched."""
@@ -94,10 +82,7 @@ class AlignmentOptions:
 def align(
     headers: Sequence[CloudHeader], options: AlignmentOptions, folder: Path, *, n_threads: int, report: Progress
 ) -> Alignment:
-    """Find the corrections that bring the passes of some clouds together; MapError if no two visits match anywhere.
-
-    `n_threads`: places worked on at the same time; the outcome does not depend on it.
-    """
+    """Find the corrections that bring the passes of some clouds together; MapError if no two visits match anywhere."""
     passes = survey(headers, options.passes_by, options.pause, report)
     corrections = Corrections.none(passes, options.knot_spacing)
     places, visits = _sort_into_places(headers, passes, options, folder, report), TileArrays(folder)
@@ -132,9 +117,9 @@ def align(
         constraints = [constraint for constraint in matched if not constraint.fault]
         if not constraints:
             raise _nothing_matched(passes, matched)
-        adjusted = adjust_by_evidence(corrections, constraints, options.georeference, drift_sigma)
+        adjusted = adjust_by_evidence(corrections, constraints, options.prior_sigmas, drift_sigma)
         corrections = adjusted.corrections
-    return Alignment.of(passes, matched, adjusted, options.georeference)
+    return Alignment.of(passes, matched, adjusted, options.prior_sigmas)
 
 
 def align_files(
@@ -142,18 +127,10 @@ def align_files(
     trajectories: Sequence[str | os.PathLike[str]] = (), overwrite: bool = False, n_threads: int | None = None,
     progress: Progress | None = None,
 ) -> Alignment:  # fmt: skip
-    """Bring the passes of some clouds together, and write corrected clouds, trajectories and tables.
+    """Bring the passes of LAS or LAZ clouds together; write corrected clouds, trajectories and tables into a folder.
 
-    - clouds: LAS or LAZ files, in any number of tiles.
-    - out: folder to write; it appears when all is done.
-    - options: options of the alignment; the defaults if None.
-    - trajectories: of the mapping sensor, TUM or CSV, on the clock of the points: corrected like these.
-    - overwrite: whether an alignment that is there is replaced; anything else there is an error.
-    - n_threads: places worked on at the same time; the number of processors, but at most 4, if None.
-    - progress: called with (step, done, of how many).
-
-    FileError, CrsError, OptionError, TrajectoryError or MapError if an input or an option cannot be used, nothing can
-    be matched, or `out` cannot be written.
+    `trajectories` of the mapping sensor, on the clock of the points, are corrected like these; `n_threads` places are
+    worked on at the same time, at most 4 if None, and do not change the outcome.
     """
     options = options or AlignmentOptions()
     report = progress or (lambda step, done, total: None)
@@ -188,12 +165,10 @@ def align_files(
         for trajectory, path in zip(read, outputs[len(headers) :], strict=True):
             write_corrected_trajectory(path, trajectory, found.passes, corrections)
         summary: dict[str, object] = {
-            "passes_by": options.passes_by,
-            "georeference_sigma": options.georeference_sigma,
-            "georeference_sigma_deg": options.georeference_sigma_deg,
-            "drift_sigma": found.adjusted.drift_sigma,
+            "passes_by": options.passes_by, "georeference_sigma": options.georeference_sigma,
+            "georeference_sigma_deg": options.georeference_sigma_deg, "drift_sigma": found.adjusted.drift_sigma,
             "drift_from": "the ties" if options.drift_sigma is None else "given",
-        }
+        }  # fmt: skip
         write_tables(folder, found, summary, names)
     return found
 
@@ -239,9 +214,6 @@ def _nothing_matched(passes: Passes, matched: Sequence[Constraint]) -> MapError:
     )
 
 
-# --- corrected files --------------------------------------------------------------------------------------------
-
-
 def corrected_name(path: Path) -> str:
     """Name of the corrected file of a cloud: plain LAZ, as a COPC orders its points by their coordinates."""
     stem = path.name[: -len(path.suffix)]
@@ -251,11 +223,7 @@ def corrected_name(path: Path) -> str:
 def write_corrected_cloud(
     header: CloudHeader, file: int, passes: Passes, corrections: Corrections, out: Path, tick: Callable[[int], None]
 ) -> None:
-    """Write a cloud with corrected coordinates, chunk by chunk; all other fields and records are copied.
-
-    `file`: its number among all clouds; `out`: file to write, LAZ; `tick`: called with the number of points after each
-    chunk.
-    """
+    """Write cloud number `file` with corrected coordinates as LAZ; all other fields and records are copied."""
     import laspy
 
     las_header, extended = _header(header.path)

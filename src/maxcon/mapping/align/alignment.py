@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from maxcon._system.regular_file import read_regular
 from maxcon._system.version import __version__
 from maxcon.mapping.align.passes import Passes
-from maxcon.mapping.align.pose_graph import Adjusted, Georeference
+from maxcon.mapping.align.pose_graph import Adjusted
 from maxcon.mapping.align.visits import Constraint
 
 LARGEST_SIGMA = 0.02  # m; directions in which a constraint is less sure than this are left out of residuals
@@ -33,9 +33,6 @@ LARGEST_SUMMARY = 2**24  # bytes
 AXES = ("x", "y", "z")
 OF_SIZES = ("median", "95")
 Row = Sequence[object]
-
-
-# --- what was found ---------------------------------------------------------------------------------------------
 
 
 class PairResiduals(NamedTuple):
@@ -84,12 +81,12 @@ class Alignment:
 
     @classmethod
     def of(
-        cls, passes: Passes, matched: Sequence[Constraint], adjusted: Adjusted, georeference: Georeference
+        cls, passes: Passes, matched: Sequence[Constraint], adjusted: Adjusted, prior_sigmas: NDArray[np.float64]
     ) -> "Alignment":
         """Outcome of an adjustment to those matched pairs that have no fault."""
         constraints = tuple(each for each in matched if not each.fault)
         refused = Counter(each.fault for each in matched if each.fault)
-        connectivity = tuple(connectivity_of_passes(passes, constraints, adjusted, georeference))
+        connectivity = tuple(connectivity_of_passes(passes, constraints, adjusted, prior_sigmas))
         before, after = remaining_sigmas(constraints, adjusted)
         n_connected = sum(each.component == 0 for each in connectivity)
         of_map = math.hypot(after, adjusted.drift_sigma) / math.sqrt(n_connected)
@@ -125,20 +122,14 @@ def pair_residuals(constraints: Sequence[Constraint], adjusted: Adjusted) -> lis
 
 
 def remaining_sigmas(constraints: Sequence[Constraint], adjusted: Adjusted) -> tuple[float, float]:
-    """Standard deviations of one pass's position relative to the others, along a horizontal axis, m: before and after.
-
-    From the median difference of pairs: wrong matches hardly change a median.
-    """
+    """Sigmas of one pass's position relative to the others, horizontally, m, before and after, from medians."""
     used = np.flatnonzero(~is_contradicted(adjusted.weights)).tolist()
     (before, _), (after, _), *_ = _apart(constraints, adjusted, used)
     return before / (NORMAL_MEDIAN * math.sqrt(2.0)), after / (NORMAL_MEDIAN * math.sqrt(2.0))
 
 
 def _apart(constraints: Sequence[Constraint], adjusted: Adjusted, rows: Iterable[int]) -> list[tuple[float, float]]:
-    """Median and 95 % of how far visits lie apart, m; NaN without any: horizontally before and after, then in height.
-
-    Horizontally along those directions that each constraint determines.
-    """
+    """Median and 95 % of how far visits lie apart, m, NaN without any: horizontal before and after, then heights."""
     horizontal, heights = [np.empty((0, 2))], [np.empty((0, 2))]
     for row in rows:
         covariance = constraints[row].covariance
@@ -151,7 +142,7 @@ def _apart(constraints: Sequence[Constraint], adjusted: Adjusted, rows: Iterable
 
 
 def connectivity_of_passes(
-    passes: Passes, constraints: Sequence[Constraint], adjusted: Adjusted, georeference: Georeference
+    passes: Passes, constraints: Sequence[Constraint], adjusted: Adjusted, prior_sigmas: NDArray[np.float64]
 ) -> list[PassConnectivity]:
     """Connectivity of each pass by constraints without a fault, which it was adjusted to."""
     used = list(compress(constraints, ~is_contradicted(adjusted.weights)))
@@ -167,7 +158,7 @@ def connectivity_of_passes(
             names = ", ".join(passes.passes[other].name for other in others)
             words = f"{each.name} is connected to {names} only, not to the other passes"
         elif others:
-            words = _open_direction(each.name, covariance, georeference)
+            words = _open_direction(each.name, covariance, prior_sigmas[0])
         else:
             words = f"{each.name} ({each.n_points:,} points) cannot be connected to any other: it stays where it was"
         twist = adjusted.corrections.twist_at(each.centre, each.middle_time, number)
@@ -180,11 +171,11 @@ def _position_rows(passes: Passes, place: NDArray[np.float64], number: int, adju
     return adjusted.twist_rows(place, passes.passes[number].middle_time, number)[:3]
 
 
-def _open_direction(name: str, covariance: NDArray[np.float64], georeference: Georeference) -> str:
+def _open_direction(name: str, covariance: NDArray[np.float64], prior_sigma: float) -> str:
     """Which direction the constraints leave open, if any, given a covariance (3, 3), m^2."""
     variances, axes = np.linalg.eigh(covariance)
     sigma = math.sqrt(variances[-1])
-    if sigma <= OPEN_RATIO * georeference.sigma:
+    if sigma <= OPEN_RATIO * prior_sigma:
         return ""
     x, y, z = axes[:, -1].tolist()
     along = "in height" if abs(z) > 0.7 else f"along {math.degrees(math.atan2(y, x)) % 180.0:.0f} degrees from +x"
@@ -210,9 +201,6 @@ def _components(n_passes: int, constraints: Sequence[Constraint]) -> list[int]:
     return [int(component) for component in np.argsort(order)[labels]]
 
 
-# --- files ------------------------------------------------------------------------------------------------------
-
-
 def files_there(folder: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return the names of all files of the alignment in a folder, as it says itself; of its tables, if it says none."""
     try:
@@ -224,14 +212,13 @@ def files_there(folder: str | os.PathLike[str]) -> tuple[str, ...]:
 
 
 def write_tables(folder: Path, alignment: Alignment, summary: dict[str, object], files: Sequence[str]) -> None:
-    """Write all tables of an alignment; lengths in m, angles in degrees.
-
-    `summary`: options; `files`: names of the corrected clouds and trajectories: what replaces the alignment replaces
-    them, too.
-    """
+    """Write all tables, and the names of corrected `files`, which go when another alignment replaces this one."""
     for name, table in zip(TABLES[1:], (_passes, _pairs, _constraints, _corrections), strict=True):
         with (folder / name).open("w", encoding="utf-8", newline="") as stream:
-            rows = ([_cell(value) for value in row] for row in table(alignment))
+            rows = (
+                ["" if isinstance(value, float) and math.isnan(value) else value for value in row]
+                for row in table(alignment)
+            )
             csv.writer(stream, lineterminator="\n").writerows(rows)
     content = summary | {
         "n_passes": len(alignment.passes),
@@ -250,10 +237,6 @@ def write_tables(folder: Path, alignment: Alignment, summary: dict[str, object],
     }
     text = json.dumps({"program": f"maxcon {__version__}", **content}, indent=2, allow_nan=False)
     (folder / SUMMARY).write_text(text + "\n", encoding="utf-8", newline="\n")
-
-
-def _cell(value: object) -> object:
-    return "" if isinstance(value, float) and math.isnan(value) else value
 
 
 def _passes(alignment: Alignment) -> Iterable[Row]:

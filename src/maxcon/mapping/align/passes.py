@@ -109,10 +109,7 @@ def read_passes(header: CloudHeader) -> Iterator[PassPoints]:
 
 
 def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progress) -> Passes:
-    """Read all clouds once, and tell their passes apart; OptionError if there are no times, or far too many of them.
-
-    `by`: one of `PASSES_BY`; `pause`: seconds without a point that separate two passes by time.
-    """
+    """Read all clouds once, and tell their passes apart; OptionError if there are no times, or far too many of them."""
     if by not in PASSES_BY:
         raise OptionError(f"Expected passes by {', '.join(PASSES_BY)}, got {by!r}.")
     sums: defaultdict[tuple[int, int], NDArray[np.float64]] = defaultdict(lambda: np.zeros(4))
@@ -174,9 +171,8 @@ def _passes(
 class Corrections:
     """Motions of passes that bring them together; each is a twist: a shift (m) and a rotation vector (rad).
 
-    Each pass is shifted and turned about its centre, as a whole. In addition it has knots at regular times, each with
-    a twist about the mean of the points measured then; between two knots their twists are interpolated linearly. All
-    points of one pass and time are moved by the same rigid motion.
+    Each pass is moved about its centre as a whole, and about the mean of what it measured then at each of its knots,
+    between which twists are interpolated linearly. All points of one pass and time are moved by the same rigid motion.
     """
 
     centres: NDArray[np.float64]  # (r, 3): Centres of the passes, global, m
@@ -217,10 +213,7 @@ class Corrections:
         return self.firsts[passes] + before, np.clip(steps - before, 0.0, 1.0)
 
     def jacobian(self, places: NDArray[np.float64], times: NDArray[np.float64], passes: NDArray[np.integer]) -> Any:
-        """Derivatives of the twists at places (n, 3), global, m, measured at times (n,), s, by passes (n,), CSR.
-
-        Six rows a place; unknowns are numbered six by six: the twist of each pass as a whole, then that of each knot.
-        """
+        """Derivatives of twists at places (n, 3), m, and times (n,), s, by those of passes, then knots, CSR."""
         from scipy.sparse import bsr_array
 
         n, n_passes, (first, part) = len(places), len(self.centres), self._between(times, passes)
@@ -234,10 +227,7 @@ class Corrections:
     def motions(
         self, times: NDArray[np.float64], passes: NDArray[np.integer]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Rigid motions of points at times, (n,), s, of passes, (n,).
-
-        Returned are (n, 3) each: centre of rotation (global, m), shift (m), rotation vector (rad).
-        """
+        """Centre of rotation (m), shift (m) and rotation vector (rad), (n, 3) each, at times (n,), s, of passes."""
         from scipy.spatial.transform import Rotation
 
         first, part = self._between(times, passes)

@@ -22,24 +22,8 @@ USUAL_SQUARE = 5.348  # median of a chi-squared variable of six degrees of freed
 MOST_STEPS, AT_REST = 50, 3e-4
 
 
-@dataclass(frozen=True, slots=True)
-class Georeference:
-    """Prior of the correction of each pass: how well it was georeferenced before."""
-
-    sigma: float  # Standard deviation of a pass's position along any axis, m
-    sigma_turn: float  # The same of its roll, pitch and heading, rad
-
-    @property
-    def sigmas(self) -> NDArray[np.float64]:
-        """Standard deviations of a twist, shape (6,), m and rad."""
-        return np.repeat([self.sigma, self.sigma_turn], 3)
-
-
 class Equations:
-    """Residuals of constraints, and their derivatives by the twists of passes and knots (`Corrections.jacobian`).
-
-    `corrections`: passes and knots; their twists are those at which an adjustment starts.
-    """
+    """Residuals of constraints, and their derivatives by the twists of passes and knots, from `corrections` on."""
 
     def __init__(self, corrections: Corrections, constraints: Sequence[Constraint]) -> None:
         from scipy.sparse import block_diag
@@ -78,10 +62,7 @@ class Equations:
         return np.asarray(np.einsum("nij,nj->ni", self._roots, residuals))
 
     def design(self, scales: NDArray[np.float64]) -> Any:
-        """Negative derivatives of whitened residuals by the first unknowns, each divided by its scale, (6 n, k) CSR.
-
-        Rigid passes have scales (k,) of the unknowns of passes as wholes only.
-        """
+        """Negative derivatives of whitened residuals by the first k unknowns, each divided by its scale, (6 n, k)."""
         from scipy.sparse import diags_array
 
         return (self._design[:, : len(scales)] @ diags_array(scales)).tocsr()
@@ -113,52 +94,45 @@ class Adjusted:
 
 
 def adjust_by_evidence(
-    corrections: Corrections, constraints: Sequence[Constraint], georeference: Georeference, drift_sigma: float | None
-) -> Adjusted:
-    """Adjust with a given drift, or with the smallest one that explains the constraints.
-
-    `corrections`: to start from; `drift_sigma`: standard deviation of drift, m; None to let the constraints decide.
+    corrections: Corrections, constraints: Sequence[Constraint], prior_sigmas: NDArray[np.float64],
+    drift_sigma: float | None,
+) -> Adjusted:  # fmt: skip
+    """Adjust with a given drift (m), or with the smallest one that explains the constraints.
 
     The evidence is the probability of the constraints under a drift, with all unknowns integrated over: a larger drift
-    fits better, and pays for the freedom that it has. Weights and inflation are those of the largest drift: with those
-    of rigid passes, constraints that show a drift would be taken for wrong matches.
+    fits better, and pays for its freedom. Weights and inflation are those of the largest drift: with those of rigid
+    passes, constraints that show a drift would be taken for wrong matches.
     """
     equations = Equations(corrections, constraints)
     if drift_sigma is not None:
-        return adjust(equations, georeference, drift_sigma)
-    largest = adjust(equations, georeference, DRIFTS[-1])
+        return adjust(equations, prior_sigmas, drift_sigma)
+    largest = adjust(equations, prior_sigmas, DRIFTS[-1])
     fixed = (largest.weights, largest.inflation)
-    best = adjust(equations, georeference, DRIFTS[0], fixed)
+    best = adjust(equations, prior_sigmas, DRIFTS[0], fixed)
     for drift in DRIFTS[1:]:
-        other = adjust(equations, georeference, drift, fixed)
+        other = adjust(equations, prior_sigmas, drift, fixed)
         if other.evidence > best.evidence + MARGIN:
             best = other
-    return adjust(equations, georeference, best.drift_sigma)
+    return adjust(equations, prior_sigmas, best.drift_sigma)
 
 
 def adjust(
-    equations: Equations,
-    georeference: Georeference,
-    drift_sigma: float,
+    equations: Equations, prior_sigmas: NDArray[np.float64], drift_sigma: float,
     fixed: tuple[NDArray[np.float64], float] | None = None,
-) -> Adjusted:
+) -> Adjusted:  # fmt: skip
     """Adjust the corrections of all passes to all constraints and to their prior, which is zero.
 
-    `equations`: of the constraints, with the corrections to start from; `drift_sigma`: standard deviation of drift
-    along any axis, m; that of turns is to it as in the prior. If 0, knots do not move; `fixed` (n,): weights of the
-    constraints, and their inflation; found with the corrections if None.
-
-    Gauss-Newton steps with sparse normal equations, reweighted: residuals are taken to follow a
-    multivariate Student distribution, so that a wrong constraint weighs the less the farther it is off. Unknowns are
-    divided by their scales, the standard deviations of their priors.
+    Gauss-Newton steps with sparse normal equations, reweighted: residuals follow a multivariate Student distribution,
+    so that a wrong constraint weighs the less the farther it is off, unless weights and inflation are `fixed`.
+    Unknowns are divided by the sigmas of their priors, of whole passes (6,); without drift knots do not move.
     """
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import splu
 
     start = equations.corrections
     n_wholes, n_knots = len(start.centres), len(start.knots) if drift_sigma > 0.0 else 0
-    drifts = georeference.sigmas * (drift_sigma / georeference.sigma)
-    scales = np.concatenate([np.tile(georeference.sigmas, n_wholes), np.tile(drifts, n_knots)])
+    drifts = prior_sigmas * (drift_sigma / prior_sigmas[0])
+    scales = np.concatenate([np.tile(prior_sigmas, n_wholes), np.tile(drifts, n_knots)])
     design, prior, log_prior = equations.design(scales), *_prior(start, has_drift=n_knots > 0)
 
     def corrected(unknowns: NDArray[np.float64]) -> Corrections:
@@ -196,10 +170,7 @@ def _reweighted(whitened: NDArray[np.float64]) -> tuple[NDArray[np.float64], flo
 
 
 def _prior(corrections: Corrections, *, has_drift: bool) -> tuple[Any, float]:
-    """Inverse covariance of the scaled unknowns a priori, sparse, and the logarithm of its determinant.
-
-    A drift is a Gauss-Markov process of variance 1: its values at knots, `step` seconds apart, correlate.
-    """
+    """Inverse covariance of the scaled unknowns a priori, its log determinant; drifts are Gauss-Markov processes."""
     from scipy.sparse import block_diag, diags_array, eye_array, kron
 
     parts, log_determinant = [eye_array(6 * len(corrections.centres))], 0.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey
 from maxcon.mapping.align.passes import Corrections, pose_of_twist, twist_matrices
-from maxcon.mapping.build.tile_points import POINT, TileBuckets, VoxelMoments, plane_normals, voxel_keys
+from maxcon.mapping.build.tile_points import TileBuckets, VoxelMoments, plane_normals, point_records, voxel_keys
 from maxcon.refine import Refined, covariance, refine
 from maxcon.scan import Scan, one_per_cube
 from maxcon.scan.scan import SAMPLE_EDGE
@@ -128,16 +128,14 @@ def _visit(number: int, time: float, inside: NDArray[np.float32]) -> Visit | Non
     """Return a visit of points (n, 3), m from the middle of the place; None if they lie on too few planes."""
     points = inside.astype(np.float64)
     corner = np.array([*[-0.5 * PLACE_EDGE - MARGIN * CELL] * 2, 0.0])
-    indices = np.floor((points - corner) / CELL).astype(np.int32)
-    records = np.zeros(len(points), POINT)
-    records["column"], records["layer"] = indices[:, :2], indices[:, 2]
-    records["inside"] = points - corner - indices * CELL
+    _, records = point_records(points - corner, np.zeros(points.shape, np.float32), CELL)
     moments = VoxelMoments.from_records([records])
     normals = plane_normals(moments, CELL, np.ones(len(moments), bool))
     has_normal: NDArray[np.bool_] = np.asarray(normals.any(axis=1))
     if np.count_nonzero(has_normal) < LEAST_PLANES:
         return None
     means = moments.indices * CELL + corner + moments.sums / moments.counts[:, None]
+    indices = np.column_stack([records["column"], records["layer"]])
     voxel_of_point = np.searchsorted(moments.keys, voxel_keys(indices))
     of_points = normals[voxel_of_point]
     rows = np.flatnonzero(has_normal[voxel_of_point])
@@ -161,9 +159,7 @@ class Constraint(NamedTuple):
 
 
 def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], corrections: Corrections) -> list[Constraint]:
-    """Match the visits to a place, by pass and time, with each other; each starts from where the corrections put it.
-
-    `middle` (3,): of the place, global, m.
+    """Match the visits to a place, whose middle is global, m, with each other, from where the corrections put them.
 
     k visits have k (k - 1) / 2 pairs, but only k - 1 independent differences: covariances are made k / 2 times as
     large, so that all pairs together weigh as much as the independent ones.

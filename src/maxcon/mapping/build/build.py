@@ -5,7 +5,6 @@
 import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,29 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system import Progress
-from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.engine import Engine
 from maxcon._system.version import __version__
 from maxcon.errors import ArrayError, MapError, OptionError
-from maxcon.geometry.frame import INDEX_LIMIT
+from maxcon.geometry.pose import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader, CloudReader
 from maxcon.map import TILE_VOXELS, TileKey
 from maxcon.map.ground import GroundTile, ground_of_points, ground_voxels
-from maxcon.map.manifest import MAP_NAMES, Manifest
-from maxcon.map.store import MapWriter, ground_record
+from maxcon.map.manifest import Manifest
+from maxcon.map.store import MapWriter, ground_record, map_folder
 from maxcon.mapping.build.found_classes import OBSERVATION, FoundInTile, describe_found, observation_records
 from maxcon.mapping.build.ground import GROUND_POINT, ground_among, ground_records
-from maxcon.mapping.build.map_sigma import PlaceSample, aligned_sigma, map_sigma
 from maxcon.mapping.build.options import FOUND, MapOptions, class_name
+from maxcon.mapping.build.point_statistics import LARGEST_CELL, PlaceSample, aligned_sigma, map_sigma, point_spacing
 from maxcon.mapping.build.sources import SidedPoints, Source, check_sides, open_headers, read_source, sources_in_crs
-from maxcon.mapping.build.spacing import LARGEST_CELL, point_spacing
 from maxcon.mapping.build.tile_points import POINT, TileBuckets, point_records
-from maxcon.mapping.build.tiles import TileJob, TileStep, TileSteps, by_engine, by_threads
+from maxcon.mapping.build.tiles import TileJob, TileStep, TileSteps, tile_steps
 
-# Each thread holds a part of a tile's points and its voxels, about 0.25 GiB: more threads only on demand.
-MOST_THREADS = 4
-# Threads are in each other's way at tiles with fewer points: what is compiled has little to do there.
-LEAST_POINTS_TO_SHARE = 500
 # A street has some 100,000 points in a tile of 30 m, an aeroplane some 10,000. So few in so many are another unit.
 MOST_SPARSE_TILES, LEAST_POINTS_OF_TILE = 20_000, 200
 
@@ -47,20 +40,10 @@ def build_map(
     options: MapOptions | None = None, *, overwrite: bool = False, n_threads: int | None = None,
     engine: Engine | None = None, progress: Progress | None = None,
 ) -> Manifest:  # fmt: skip
-    """Build a map on disk; memory is bounded by the tiles, not by the sources.
+    """Build a map on disk of clouds, files or readers; memory is bounded by the tiles, not by the sources.
 
-    - sources: point clouds of any kind that `open_cloud` reads, or readers of others.
-    - out: folder of the map; it appears when all is done.
-    - options: how it is made of its points; the defaults if None.
-    - overwrite: whether a map that is there is replaced; anything else there is an error.
-    - n_threads: tiles made at the same time in this process; the number of processors, but at most 4, if None, and one
-      where tiles have few points. Each takes about 0.25 GiB. The map does not depend on it.
-    - engine: whose workers make the tiles instead, or one thread if it has no other than this process; the map does not
-      depend on it. They find points and voxels in files beside `out`, which has the same path for all.
-    - progress: called with (step, done, of how many).
-
-    FileError, CrsError, OptionError, TrajectoryError or MapError if a source, an option or their combination cannot be
-    used, or `out` cannot be written.
+    `n_threads` tiles, of 0.25 GiB each, are made at the same time (at most 4 if None, one where tiles have few points),
+    or by the workers of `engine`, who find points in files beside `out`. The map does not depend on either.
     """
     options = options or MapOptions()
     report = progress or (lambda step, done, total: None)
@@ -70,9 +53,7 @@ def build_map(
     crs, read = sources_in_crs(headers, options)
     _check_contents(headers, options)
     aligned = aligned_sigma([header.path for header in headers]) if options.sigma is None else None
-    if overwrite:
-        check_replaceable(out, "a map", MAP_NAMES)
-    with atomic_folder(out, overwrite=overwrite) as folder:
+    with map_folder(out, overwrite=overwrite) as folder:
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and options.to_crs is None and all(header.has_normals for header in headers)
         is_signed = options.trajectory is not None or use_normals
@@ -96,19 +77,18 @@ def build_map(
             finds_surfaces=ground == "of level surfaces", drop=drop if finds_classes else None,
         )  # fmt: skip
         with MapWriter(folder) as writer:
-            with _makers(job, buckets, sum(source.n_kept for source in read), engine, n_threads) as do:
+            n_points = sum(source.n_kept for source in read)
+            with tile_steps(job, buckets.points, buckets.observations, n_points, engine, n_threads) as do:
                 surfaces, found = _write_tiles(writer, do, job, buckets.points.keys, report)
             for tile in [each.ground for each in found] or _ground_tiles(buckets, surfaces):
                 if tile.n_heights:
                     writer.put(ground_record(tile))
             build = {
                 "program": f"maxcon {__version__}",
-                "normals": "of the sources" if use_normals else "from neighbourhoods",
-                "ground": ground,
+                "normals": "of the sources" if use_normals else "from neighbourhoods", "ground": ground,
                 "drop": {str(number): class_name(number) for number in sorted(options.dropped_classes())},
-                "sources": [source.describe() for source in read],
-                "sigma": how_known,
-            }
+                "sources": [source.describe() for source in read], "sigma": how_known,
+            }  # fmt: skip
             if spacing is not None:
                 build["spacing"] = spacing.describe()
             if finds_classes:
@@ -131,10 +111,7 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
 
 
 def _origin(sources: Sequence[Source], options: MapOptions) -> tuple[float, float, float]:
-    """Return the origin of the local frame: a tile's corner near the points, whatever the order of the sources.
-
-    Origins are whole tiles apart, so that maps of one cell edge share their voxels.
-    """
+    """Return the origin of the local frame: whole tiles apart, so that maps of one cell edge share their voxels."""
     edge = TILE_VOXELS * options.edge
     lowest = np.min([source.first_point() for source in sources], axis=0)
     if options.area is not None:
@@ -169,11 +146,6 @@ class _Buckets:
                 self.observations.add(*observation_records(points, part.times, cell))
             if self.options.sigma is None:
                 self.sample.add(points, part.times)
-
-    def complete(self, *, to_disk: bool) -> None:
-        """Say that all points have come."""
-        self.points.complete(to_disk=to_disk)
-        self.observations.complete(to_disk=to_disk)
 
 
 def _sorted_into_tiles(
@@ -216,23 +188,9 @@ def _sorted_into_tiles(
         )
     if options.trajectory is not None:
         check_sides(sources, options.trajectory)
-    buckets.complete(to_disk=False)
+    buckets.points.complete()
+    buckets.observations.complete()
     return buckets
-
-
-def _makers(
-    job: TileJob, buckets: _Buckets, n_points: int, engine: Engine | None, n_threads: int | None
-) -> AbstractContextManager[TileSteps]:
-    """Threads or workers that make the tiles, with all buckets where they find them."""
-    n_tiles = len(buckets.points.keys)
-    has_workers = engine is not None and not engine.is_in_process
-    buckets.complete(to_disk=has_workers)
-    if engine is not None and has_workers:
-        return by_engine(job, engine, n_points, n_tiles)
-    if n_threads is None:
-        is_thin = n_points < LEAST_POINTS_TO_SHARE * n_tiles
-        n_threads = 1 if is_thin or engine is not None else min(MOST_THREADS, os.cpu_count() or 1)
-    return by_threads(job, buckets.points, buckets.observations, n_threads)
 
 
 def _write_tiles(

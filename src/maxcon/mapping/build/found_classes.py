@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS, TileKey
 from maxcon.map.ground import GroundTile, ground_of_points, ground_voxels
+from maxcon.map.voxelize import first_of_each
 from maxcon.mapping.build.ground import HeightsOf, ground_heights, heights_at
-from maxcon.mapping.build.map_sigma import LEAST_PAUSE
+from maxcon.mapping.build.point_statistics import LEAST_PAUSE
 from maxcon.mapping.build.tile_points import VoxelMoments, is_vegetation, plane_normals
 
 UNCLASSIFIED, GROUND, LOW_VEGETATION, TEMPORARY = 1, 2, 3, 22  # behind low vegetation come medium and high
@@ -53,10 +54,7 @@ class FoundInTile(NamedTuple):
 
 
 def describe_found(found: Sequence[FoundInTile], drop: frozenset[int], *, has_times: bool) -> dict[str, object]:
-    """Return the entry `found` of the manifest's `build` (docs/map_format.md).
-
-    `drop`: classes that are left out of the map; `has_times`: whether any point has a time to tell passes apart by.
-    """
+    """Return the entry `found` of the manifest's `build` (docs/map_format.md)."""
     n_points = sum((Counter(each.n_points) for each in found), Counter[int]())
     n_repeated = sum(each.n_repeated for each in found)
     reason = "" if n_repeated else "one pass only"
@@ -72,12 +70,7 @@ def found_in_tile(
     own: VoxelMoments, halo: Sequence[VoxelMoments], lowest: HeightsOf, observed: ObservedIn, key: TileKey,
     cell: float, drop: frozenset[int],
 ) -> tuple[NDArray[np.uint8], FoundInTile]:  # fmt: skip
-    """Find the class of each voxel of a tile.
-
-    `own`: its voxels; `halo`: those within `NEIGHBOUR_VOXELS` of it, x and y from the tile's corner; `lowest`,
-    `observed`: `lowest_heights` and observations (`OBSERVATION`) of a tile; `drop`: classes that are left out of the
-    map.
-    """
+    """Find the class of each voxel of a tile, given those within `NEIGHBOUR_VOXELS` of it, x and y from its corner."""
     moments, edge = VoxelMoments.concatenate([own, *halo]), ground_voxels(cell)
     margin = math.ceil((NEIGHBOUR_VOXELS + 1) / edge) + 1
     ground = ground_heights(lowest, key, cell, margin)
@@ -153,15 +146,12 @@ def _steps_above(layers: NDArray[np.integer], first: NDArray[np.float64]) -> NDA
 def observation_records(
     points: NDArray[np.float64], times: NDArray[np.float64], cell: float
 ) -> tuple[NDArray[np.int32], NDArray[np.void]]:
-    """Tiles, shape (k, 2), and records (`OBSERVATION`) of the blocks that points lay in, each once.
-
-    `points` (n, 3): local frame, m; `times` (n,): s; points without a finite one are left out.
-    """
+    """Tiles (k, 2) and records (`OBSERVATION`) of the blocks that points (n, 3), m, lay in at times (n,), s."""
     is_timed = np.isfinite(times)
     edge = ground_voxels(cell, BLOCK_EDGE)
     n = TILE_VOXELS // edge
     blocks, stretches = voxel_indices(points[is_timed], cell) // edge, np.floor(times[is_timed] / STRETCH)
-    first = _first_of_each(blocks, stretches)
+    first, _ = first_of_each(*blocks.T, stretches)
     blocks = blocks[first]
     keys = blocks[:, :2] // n
     records = np.empty(len(blocks), OBSERVATION)
@@ -173,16 +163,8 @@ def observation_records(
 
 def each_once(seen: NDArray[np.void]) -> NDArray[np.void]:
     """Observations (`OBSERVATION`) without those that occur again."""
-    return seen[_first_of_each(np.column_stack([seen["column"], seen["layer"]]), seen["time"])]
-
-
-def _first_of_each(blocks: NDArray[np.integer], times: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Rows of different (x, y, z) of blocks, shape (n, 3), and times: the first of each."""
-    columns = (*blocks.T, times)
-    order = np.lexsort(columns)
-    is_new = np.ones(len(order), bool)
-    is_new[1:] = np.logical_or.reduce([np.diff(values[order]) != 0 for values in columns])
-    return order[is_new]
+    first, _ = first_of_each(*seen["column"].T, seen["layer"], seen["time"])
+    return seen[first]
 
 
 def pass_of(times: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -195,14 +177,9 @@ def pass_of(times: NDArray[np.float64]) -> NDArray[np.int64]:
 def temporary_blocks(
     layers: NDArray[np.int64], columns: NDArray[np.int64], times: NDArray[np.float64], shape: tuple[int, int, int]
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Find what is temporary among blocks that were observed.
+    """Whether what is in each block (layers, ny, nx) is temporary, and how many passes saw the ground of each column.
 
-    `layers` (n,): of each observation, from that in which the ground ends on: -1 (also ground), 0, 1, ...;
-    `columns` (n, 2): (x, y) of each; `times` (n,): s; `shape`: how many layers, and columns along y and x. Observations
-    in other layers are left out.
-
-    Returns whether what is in a block is temporary, shape (layers, ny, nx): nothing is said of layer 0, in which the
-    ground ends; and how many passes saw the ground of each column, shape (ny, nx).
+    Layers (n,) of observations count from that in which the ground ends, of which nothing is said; -1 is ground too.
     """
     from scipy.ndimage import maximum_filter, uniform_filter
 

@@ -95,11 +95,7 @@ def lowest_heights(moments: VoxelMoments, cell: float) -> NDArray[np.float64]:
 
 
 def ground_heights(lowest: HeightsOf, key: TileKey, cell: float, margin: int) -> NDArray[np.float64]:
-    """Height of the ground in the cells of a tile and `margin` cells around it, m; NaN where nothing is near.
-
-    `lowest`: `lowest_heights` of the tile and of all those within `REACH`, local frame; `key`: the tile; `cell`: voxel
-    edge, m; `margin`: cells.
-    """
+    """Height of the ground in the cells of a tile and `margin` cells around it, m; NaN where nothing is near."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     edge, n = ground_voxels(cell) * cell, TILE_VOXELS // ground_voxels(cell)
@@ -136,8 +132,7 @@ def _around(heights_of: HeightsOf, key: TileKey, n: int, reach: int) -> NDArray[
 def _is_object(heights: NDArray[np.float64], edge: float) -> NDArray[np.bool_]:
     """Which cells an opening with growing windows removes by more than a slope explains.
 
-    Squares are openings of each other: each may be made of the heights themselves, and none looks farther than its
-    own window. Cells without a height count nowhere.
+    Squares are openings of each other: each may be made of the heights themselves, and none looks beyond its window.
     """
     from scipy.ndimage import maximum_filter, minimum_filter
 

@@ -43,10 +43,7 @@ def class_name(number: int) -> str:
 
 
 def found_ratios(n_points: Mapping[str, int], dropped: Collection[int]) -> list[tuple[str, float]]:
-    """Ratios of the points found to be ground, vegetation and temporary, and of those kept in the map.
-
-    `n_points`: points by class number, as text; `dropped`: the classes that are left out of the map.
-    """
+    """Ratios of the points found to be ground, vegetation and temporary, and of those kept, from numbers by class."""
     numbers = {int(number): n for number, n in n_points.items()}
     groups = {name: CLASS_NAMES[name] for name in ("ground", "vegetation")}
     groups |= {"temporary": CLASS_NAMES["temporal-exclusion"], "kept": tuple(numbers.keys() - set(dropped))}
@@ -55,11 +52,7 @@ def found_ratios(n_points: Mapping[str, int], dropped: Collection[int]) -> list[
 
 
 def parse_classes(names: Iterable[str], vehicle_classes: Iterable[int] = ()) -> frozenset[int]:
-    """Return the numbers of classes, and those of vehicles; OptionError if one is unknown.
-
-    `names`: names such as "vegetation", or numbers from 0 to 255 as text; `vehicle_classes`: numbers that mean
-    vehicles, which "vehicle" stands for.
-    """
+    """Return the numbers of classes, named or as text; "vehicle" stands for `vehicle_classes`; or OptionError."""
     vehicles = frozenset(vehicle_classes)
     known = CLASS_NAMES | {str(number): (number,) for number in range(256)}
     if vehicles:
@@ -111,41 +104,26 @@ class Area:
 
 @dataclass(frozen=True, slots=True)
 class MapOptions:
-    """How a map is made of its points.
+    """How a map is made of its points."""
 
-    - cell: voxel edge, m; one that suits the spacing of the points if None, 0.06 m or a multiple of it.
-    - drop: classes to leave out, by name or number; ground, vegetation, noise, temporal exclusion and the vehicle
-      classes if None, and of these only the last where classes are not the ASPRS's (not LAS).
-    - vehicle_classes: numbers of classes that mean vehicles; they are left out whatever `drop` names.
-    - trajectory: sensor positions, matched by the points' times, to turn normals to the sensor's side.
-    - normals_have_sides: whether the sources' own normals are turned to the sensor's side already. Own normals are
-      used if their side is known, from this or from the trajectory; otherwise planes are fitted.
-    - crs: CRS of sources that name none.
-    - keep_every: only every n-th point of each source is taken: a thinner map to compare with.
-    - sigma: standard deviation of the map's position along any axis, m. If None it is estimated from the differences
-      between passes of the mapping vehicle, and `UNKNOWN_SIGMA` where there is only one.
-    - to_crs: CRS of the map, into which all points are transformed; that of the sources if None. The trajectory is
-      in it.
-    - allow_inexact_crs: whether PROJ may transform them less exactly than to a voxel edge.
-    - area: only points in it are taken.
-    - classes_are_asprs: whether class numbers of clouds that are not LAS are those of the ASPRS, too.
-    - classify: whether ground, vegetation and temporary objects are found from the points themselves: "auto" where no
-      cloud has classes (all points are 0 or 1, or noise), "always" also where they have (of these only noise and
-      vehicles count then), or "off". Where they are found, ground and temporary objects are left out if `drop` is None.
-    """
-
-    cell: float | None = None
+    cell: float | None = None  # voxel edge, m; if None one that suits the spacing of the points
+    # Classes to leave out, by name or number; `DEFAULT_DROP` and vehicles if None, and of these only the last where
+    # classes are not the ASPRS's (not LAS).
     drop: Sequence[str] | None = None
-    vehicle_classes: Iterable[int] = ()
-    trajectory: Trajectory | None = None
+    vehicle_classes: Iterable[int] = ()  # numbers of classes that mean vehicles; left out whatever `drop` names
+    trajectory: Trajectory | None = None  # of the sensor, to turn normals to its side, matched by the points' times
+    # Whether the sources' normals are turned to the sensor's side. They are used if their side is known, from this or
+    # from the trajectory; otherwise planes are fitted.
     normals_have_sides: bool = False
-    crs: str | None = None
-    keep_every: int = 1
-    sigma: float | None = None
-    to_crs: str | None = None
-    allow_inexact_crs: bool = False
-    area: Area | None = None
-    classes_are_asprs: bool = False
+    crs: str | None = None  # of sources that name none
+    keep_every: int = 1  # only every n-th point of each source is taken: a thinner map to compare with
+    sigma: float | None = None  # of the map's position along any axis, m; estimated from passes if None
+    to_crs: str | None = None  # of the map and the trajectory; points are transformed into it. The sources' if None
+    allow_inexact_crs: bool = False  # whether PROJ may transform them less exactly than to a voxel edge
+    area: Area | None = None  # only points in it are taken
+    classes_are_asprs: bool = False  # whether class numbers of clouds that are not LAS are those of the ASPRS, too
+    # Whether ground, vegetation and temporary objects are found from the points: "auto" where no cloud has classes
+    # (but 0, 1 or noise), "always" also where they have (of these only noise and vehicles count then), or "off".
     classify: Classify = "off"
 
     def __post_init__(self) -> None:

@@ -127,10 +127,7 @@ def _files_at(path: Path) -> list[Path]:
 
 
 def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
-    """Return the one CRS of all sources as WKT; None where none is named; `crs`: that of sources that name none.
-
-    CrsError if sources disagree, or some name a CRS and some none, or none that is known, and `crs` is None.
-    """
+    """Return the one CRS of all sources as WKT, None where none is named; `crs`: that of sources that name none."""
     wanted = metric_crs(crs) if crs is not None else None
     named: list[tuple[object, str]] = [] if wanted is None else [(f"--crs {crs}", wanted)]
     named += [(header.path, metric_crs(header.crs)) for header in headers if header.crs is not None]
@@ -177,10 +174,7 @@ def sources_in_crs(headers: Sequence[CloudHeader], options: MapOptions) -> tuple
 
 
 def read_source(source: Source, options: MapOptions, *, use_normals: bool) -> Iterator[SidedPoints]:
-    """Yield the points of a source that belong in the map, and count the others.
-
-    `use_normals`: the sides are the normals of the source, turned to the sensor where it is known.
-    """
+    """Yield the points of a source that belong in the map, with normals for sides if `use_normals`."""
     header, trajectory = source.header, options.trajectory
     drop = options.dropped_classes(are_asprs=header.has_asprs_classes)
     if options.classify == "always":
@@ -237,12 +231,9 @@ def _drop_classes(
 
 
 def _sides(
-    points: NDArray[np.float64],
-    times: NDArray[np.float64] | None,
-    normals: NDArray[np.float64] | None,
-    trajectory: Trajectory | None,
-    source: Source,
-) -> NDArray[np.float32]:
+    points: NDArray[np.float64], times: NDArray[np.float64] | None, normals: NDArray[np.float64] | None,
+    trajectory: Trajectory | None, source: Source,
+) -> NDArray[np.float32]:  # fmt: skip
     """Normals, turned to the sensor where it is known, or else directions to the sensor; zeros where not known."""
     sides = np.zeros((len(points), 3))
     if normals is not None:

@@ -38,9 +38,6 @@ SCATTERED = 0.2  # smallest ratio of eigenvalues, smallest to largest, of scatte
 LEAST_SCATTERED = 0.55  # smallest fraction of scattered voxels within cubes of 1.2 m of vegetation
 
 
-# --- sorted into tiles ------------------------------------------------------------------------------------------
-
-
 def point_records(
     points: NDArray[np.float64], sides: NDArray[np.float32], cell: float
 ) -> tuple[NDArray[np.int32], NDArray[np.void]]:
@@ -56,12 +53,7 @@ def point_records(
 
 
 class TileBuckets:
-    """Records of one kind sorted into tiles; beyond `BUFFER_BYTES` they are appended to a file per tile.
-
-    Another process that is given the same folder finds there what was put on disk.
-
-    `suffix`: of the files.
-    """
+    """Records of one kind sorted into tiles; beyond `BUFFER_BYTES` they are appended to a file per tile."""
 
     def __init__(self, folder: Path, record: "np.dtype[np.void]", suffix: str) -> None:
         self._folder, self._record, self._suffix = folder, record, suffix
@@ -130,10 +122,7 @@ class TileBuckets:
 
 
 class TileArrays:
-    """Named arrays of tiles between two steps of a job, in memory up to `memory_bytes`, and else in NPZ files.
-
-    With 0 bytes of memory every step may be done by another process; files are written atomically. Any thread may call.
-    """
+    """Named arrays of tiles between steps, in memory up to `memory_bytes`, else in NPZ files; any thread may call."""
 
     def __init__(self, folder: Path, memory_bytes: int = 0) -> None:
         self._folder = folder
@@ -166,9 +155,6 @@ class TileArrays:
 
     def _path(self, key: TileKey, kind: str) -> Path:
         return self._folder / f"{key[0]}_{key[1]}.{kind}.npz"
-
-
-# --- summed up in voxels ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,10 +255,7 @@ def _sums(group: NDArray[np.intp], n: int, columns: Iterable[NDArray[np.floating
 def sums_around(
     indices: NDArray[np.int32], values: NDArray[np.float64], reach: int, edge: int = 1
 ) -> NDArray[np.float64]:
-    """Sums of values, shape (n, m), over the (2 reach + 1)^3 blocks around that of each voxel, shape (n, m).
-
-    `indices`: of the voxels of a tile with its halo; `edge`: of a block, in voxels.
-    """
+    """Sums of values (n, m) over the (2 reach + 1)^3 blocks, of `edge` voxels, around that of each voxel (n, 3)."""
     from maxcon.mapping.kernels import sums_near
 
     blocks, block = np.unique(voxel_keys(indices // edge), return_inverse=True)
@@ -282,14 +265,10 @@ def sums_around(
     return np.asarray(totals[block])
 
 
-def plane_normals(moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Unit normals of voxels, their sign open, from the smallest neighbourhood that determines a plane.
-
-    `moments`: the voxels of a tile with its halo; `cell`: voxel edge, m; `is_wanted` (n,): voxels whose normal is asked
-    for (not the halo's).
-
-    Returns shape (n, 3); zeros where no neighbourhood determines a plane, or none is asked for.
-    """
+def plane_normals(
+    moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool_], *, is_signed: bool = False
+) -> NDArray[np.float64]:
+    """Unit normals of wanted voxels, of the smallest neighbourhood with a plane, to the sensor's side if signed."""
     normals = np.zeros((len(moments), 3))
     if len(moments) < LEAST_VOXELS:  # at no level are there more
         return normals
@@ -300,16 +279,13 @@ def plane_normals(moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool
         values, fitted = _planes(level, edge, is_asked)
         fitted[~((values[:, 1] >= 0.25 * edge * edge) & (values[:, 0] <= FLATNESS * values[:, 1]))] = 0.0
         normals[is_open] = fitted[place[is_open]]
-    return normals
+    return turn_to_side(normals, moments.sides) if is_signed else normals
 
 
 def _planes(
     moments: VoxelMoments, edge: float, is_asked: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eigenvalues and normals of the points around voxels, (n, 3) each; NaN and zeros where too few, or not asked for.
-
-    Eigenvalues are those of the covariance, ascending, m^2.
-    """
+    """Eigenvalues of covariances, ascending, m^2, and normals around voxels, (n, 3); NaN and zeros where left open."""
     from maxcon.mapping.kernels import neighbourhood_planes
 
     values, normals = np.full((len(moments), 3), np.nan), np.zeros((len(moments), 3))

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Tiles of a map made from sorted points, step by step: by threads of this process, or by the workers of an engine."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -22,17 +23,13 @@ from maxcon.map.store import Record, tile_record
 from maxcon.map.voxelize import mean_normals, mean_steps, tile_of_voxels
 from maxcon.mapping.build.found_classes import NEIGHBOUR_VOXELS, OBSERVATION, FoundInTile, each_once, found_in_tile
 from maxcon.mapping.build.ground import level_surfaces, lowest_heights
-from maxcon.mapping.build.tile_points import (
-    HALO_VOXELS,
-    POINT,
-    TileArrays,
-    TileBuckets,
-    VoxelMoments,
-    plane_normals,
-    turn_to_side,
-)
+from maxcon.mapping.build.tile_points import HALO_VOXELS, POINT, TileArrays, TileBuckets, VoxelMoments, plane_normals
 
 MEMORY_BYTES = 128 * 2**20  # of the arrays of tiles kept in memory, between steps done by threads
+# Each thread holds a part of a tile's points and its voxels, about 0.25 GiB: more threads only on demand.
+MOST_THREADS = 4
+# Threads are in each other's way at tiles with fewer points: what is compiled has little to do there.
+LEAST_POINTS_TO_SHARE = 500
 # Tiles with few points go together: handing out a task takes some milliseconds.
 POINTS_OF_TASK, MOST_TILES_OF_TASK = 100_000, 64
 
@@ -45,8 +42,7 @@ class TileStep(Enum):
     MAKE = "make"
 
 
-# One step of some tiles.
-TileTask = tuple[TileStep, tuple[TileKey, ...]]
+TileTask = tuple[TileStep, tuple[TileKey, ...]]  # one step of some tiles
 # Does a step for tiles, and yields what the method of `TileMaker` returns for each, in their order.
 TileSteps = Callable[[TileStep, Sequence[TileKey]], Iterator[Any]]
 
@@ -110,11 +106,7 @@ class TileJob:
 
 
 class TileMaker:
-    """Makes tiles of sorted points: `gather` all, `find_classes` of all if the job drops some, then `make` any.
-
-    `points`, `observations`: of `POINT` and of `OBSERVATION`; `memory_bytes`: size of the arrays kept in
-    memory; with 0 every step may be done by another process.
-    """
+    """Makes tiles of sorted points: `gather` all, `find_classes` of all if the job drops some, then `make` any."""
 
     def __init__(self, job: TileJob, points: TileBuckets, observations: TileBuckets, *, memory_bytes: int = 0) -> None:
         self._job, self._points, self._observations = job, points, observations
@@ -142,12 +134,10 @@ class TileMaker:
     def find_classes(self, key: TileKey) -> FoundInTile:
         """Find and keep the class of each voxel of a tile; it and the tiles around it have been gathered."""
 
-        def lowest(near: TileKey) -> NDArray[np.float64] | None:
-            return self._arrays.get(near, "lowest")["heights"] if self._arrays.has(near, "lowest") else None
+        def of_tiles(kind: str, name: str) -> Callable[[TileKey], NDArray[Any] | None]:
+            return lambda near: self._arrays.get(near, kind)[name] if self._arrays.has(near, kind) else None
 
-        def observed(near: TileKey) -> NDArray[np.void] | None:
-            return self._arrays.get(near, "observed")["records"] if self._arrays.has(near, "observed") else None
-
+        lowest, observed = of_tiles("lowest", "heights"), of_tiles("observed", "records")
         own, halo = self.moments(key), self._halo(key, NEIGHBOUR_VOXELS, self.moments)
         drop = self._job.drop or frozenset()
         classes, found = found_in_tile(own, halo, lowest, observed, key, self._job.cell, drop)
@@ -163,8 +153,8 @@ class TileMaker:
             halo = self._halo(key, HALO_VOXELS, self._kept)
             moments = VoxelMoments.concatenate([own, *halo]) if halo else own
             is_own = moments.is_own
-            fitted = plane_normals(moments, self._job.cell, is_own)[is_own]
-            normals = (turn_to_side(fitted, own.sides) if self._job.is_signed else fitted).astype(np.float32)
+            fitted = plane_normals(moments, self._job.cell, is_own, is_signed=self._job.is_signed)
+            normals = fitted[is_own].astype(np.float32)
         tile = voxel_tile(key, own, normals, self._job.cell)
         surfaces = level_surfaces(tile, self._job.cell) if self._job.finds_surfaces else None
         return MadeTile(tile_record(tile), surfaces)
@@ -206,15 +196,20 @@ def voxel_tile(key: TileKey, moments: VoxelMoments, normals: NDArray[np.float32]
 
 
 @contextmanager
-def by_threads(job: TileJob, points: TileBuckets, observations: TileBuckets, n_threads: int) -> Iterator[TileSteps]:
-    """Yield what lets threads of this process make tiles; data stays in memory as far as it fits."""
-    do = TileMaker(job, points, observations, memory_bytes=MEMORY_BYTES).steps
-    yield lambda step, keys: in_threads(do[step], keys, n_threads)
-
-
-@contextmanager
-def by_engine(job: TileJob, engine: Engine, n_points: int, n_tiles: int) -> Iterator[TileSteps]:
-    """Yield what lets the workers of an engine make tiles; all buckets are on disk."""
+def tile_steps(
+    job: TileJob, points: TileBuckets, observations: TileBuckets, n_points: int, engine: Engine | None,
+    n_threads: int | None,
+) -> Iterator[TileSteps]:  # fmt: skip
+    """Yield what makes tiles: threads of this process, or the workers of an engine, who find all points on disk."""
+    n_tiles = len(points.keys)
+    for buckets in (points, observations):
+        buckets.complete(to_disk=engine is not None and not engine.is_in_process)
+    if engine is None or engine.is_in_process:
+        is_thin = n_points < LEAST_POINTS_TO_SHARE * n_tiles
+        usual = 1 if is_thin or engine is not None else min(MOST_THREADS, os.cpu_count() or 1)
+        do = TileMaker(job, points, observations, memory_bytes=MEMORY_BYTES).steps
+        yield lambda step, keys: in_threads(do[step], keys, usual if n_threads is None else n_threads)
+        return
     n_together = min(max(1, POINTS_OF_TASK * n_tiles // n_points), MOST_TILES_OF_TASK)
     with engine.started(-(-n_tiles // n_together)) as run:
 

@@ -18,10 +18,9 @@ a few observations are in memory at a time: an update of a whole city takes no m
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +30,7 @@ from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey, VoxelTile
 from maxcon.map.ground import GroundPatch
 from maxcon.map.layout import SurfaceClass
-from maxcon.map.voxel_table import voxel_table
+from maxcon.map.voxel_table import VoxelTable, voxel_table
 from maxcon.map.voxelize import tile_of_voxels
 from maxcon.mapping.build.tile_points import (
     POINT,
@@ -41,7 +40,6 @@ from maxcon.mapping.build.tile_points import (
     plane_normals,
     point_records,
     sums_around,
-    turn_to_side,
 )
 from maxcon.mapping.build.tiles import voxel_tile
 from maxcon.mapping.update.observations import LocalizedDrive, Observation, UpdateOptions
@@ -62,72 +60,11 @@ Evidence = dict[str, NDArray[Any]]
 EVIDENCE = ("log_odds", "n_hits", "n_misses", "hit_in")
 
 
-# --- the definition, in plain NumPy; `ray_kernels` does the same for many (D7) ----------------------------------
-
-
-def is_hit(end: NDArray[np.float64], voxels: NDArray[np.integer], cell: float) -> NDArray[np.bool_]:
-    """Whether a ray that ended at `end`, shape (3,), m, hit each of the voxels, indices of shape (n, 3)."""
-    there = np.floor(end / cell).astype(np.int64)
-    return np.asarray((np.abs(voxels - there) <= 1).all(axis=1))
-
-
-def is_miss(
-    origin: NDArray[np.float64],
-    end: NDArray[np.float64],
-    voxels: NDArray[np.integer],
-    means: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    cell: float,
-    margin: float,
-    least_cosine: float,
-    reach: float,
-) -> NDArray[np.bool_]:
-    """Whether a ray missed each of the voxels: it saw through the surface there.
-
-    `origin`, `end` (3,): where the sensor was and where the ray ended, local frame, m; `voxels` (n, 3): indices;
-    `means`, `normals` (n, 3): of the points of each, local frame, m; unit normal, or zeros; `cell`: voxel edge, m;
-    `margin`: how far behind a surface the end must lie, m; `least_cosine`: of the angle between ray and normal;
-    `reach`: voxels farther along the ray are not judged, m.
-    """
-    length = float(np.sqrt(((end - origin) ** 2).sum()))
-    if length == 0.0:
-        return np.zeros(len(voxels), bool)
-    along = (end - origin) / length
-    cosines = normals @ along
-    has_normal = normals.any(axis=1)
-    is_steep = np.abs(cosines) >= least_cosine
-    to_mean = means - origin
-    to_plane = np.divide((to_mean * normals).sum(axis=1), cosines, out=np.full(len(voxels), np.inf), where=is_steep)
-    at = np.where(has_normal, to_plane, to_mean @ along)  # m along the ray
-    is_ahead = (at > 0.0) & (at < min(length, reach))
-    at = np.where(is_ahead, at, 0.0)
-    crossing = origin + at[:, None] * along
-    is_inside = (np.floor(crossing / cell).astype(np.int64) == voxels).all(axis=1)
-    steepness = np.where(has_normal, np.abs(cosines), 0.5)
-    is_clear = (at * steepness >= margin) & ((length - at) * steepness >= margin)
-    is_close = has_normal | (((crossing - means) ** 2).sum(axis=1) <= (0.5 * cell) ** 2)
-    return np.asarray(is_ahead & is_inside & is_clear & is_close & (is_steep | ~has_normal))
-
-
-# --- tiles and their evidence -----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
+class Surfaces(NamedTuple):
     """Voxels of one tile, and their evidence; `tile.classes` has `CANDIDATE` where the map has none."""
 
     tile: VoxelTile
     evidence: Evidence
-
-    @property
-    def classes(self) -> NDArray[np.uint8]:
-        """Class of each voxel, or `CANDIDATE`."""
-        return classes_of(self.tile)
-
-
-def classes_of(tile: VoxelTile) -> NDArray[np.uint8]:
-    """Class of each voxel of a tile; all are known in one without."""
-    return np.full(len(tile), SurfaceClass.KNOWN, np.uint8) if tile.classes is None else tile.classes
 
 
 def initial_evidence(classes: NDArray[np.uint8], options: UpdateOptions) -> Evidence:
@@ -150,7 +87,7 @@ class SurfaceFiles:
         """Take a tile in, with the evidence before the first observation."""
         self.n_voxels[tile.key] = len(tile)
         self.arrays.put(tile.key, "voxels", **{name: getattr(tile, name) for name in VOXEL_ARRAYS})
-        self.save(tile.key, initial_evidence(classes_of(tile), options))
+        self.save(tile.key, initial_evidence(tile.surface_classes, options))
 
     def save(self, key: TileKey, evidence: Evidence) -> None:
         """Write the evidence of a tile."""
@@ -162,36 +99,16 @@ class SurfaceFiles:
         return Surfaces(VoxelTile(key, **voxels), self.arrays.get(key, "evidence"))
 
 
-class SurfacesInReach:
-    """Several tiles in one table, as the kernels take them; their evidence is copied.
-
-    table, arrays: as of `ray_kernels`, of all voxels, tile after tile.
-    """
-
-    def __init__(self, surfaces: Sequence[Surfaces]) -> None:
-        tiles = [each.tile for each in surfaces]
-        self._ends = np.cumsum([0, *map(len, tiles)])
-        self.table = voxel_table(tiles)
-        self.evidence = {name: np.concatenate([each.evidence[name] for each in surfaces]) for name in EVIDENCE}
-        self.arrays = (*self.evidence.values(), np.full(self._ends[-1], -1, np.int32))
-
-    def of_tile(self, number: int) -> Evidence:
-        """Evidence of one of the tiles."""
-        rows = slice(self._ends[number], self._ends[number + 1])
-        return {name: values[rows] for name, values in self.evidence.items()}
-
-
-# --- gathering --------------------------------------------------------------------------------------------------
+def stacked(surfaces: Sequence[Surfaces]) -> tuple[VoxelTable, Evidence]:
+    """Several tiles in one table, as `ray_kernels` take them, and their evidence, tile after tile."""
+    evidence = {name: np.concatenate([each.evidence[name] for each in surfaces]) for name in EVIDENCE}
+    return voxel_table([each.tile for each in surfaces]), evidence
 
 
 def gather_evidence(
-    point_map: PointMap,
-    drives: Sequence[LocalizedDrive],
-    observations: Sequence[Observation],
-    options: UpdateOptions,
-    folder: Path,
-    report: Progress,
-) -> SurfaceFiles:
+    point_map: PointMap, drives: Sequence[LocalizedDrive], observations: Sequence[Observation], options: UpdateOptions,
+    folder: Path, report: Progress,
+) -> SurfaceFiles:  # fmt: skip
     """Return all tiles that any observation reaches, with candidates and evidence, on disk."""
     from maxcon.mapping.update.ray_kernels import add_observation
 
@@ -205,7 +122,7 @@ def gather_evidence(
     in_reach = set[TileKey]().union(*(_keys_around(each, point_map, options) for each in observations))
     for key in sorted(in_reach & (known | found)):
         parts = [point_map.tile(key)] if key in known else []
-        classes = [classes_of(part) for part in parts]
+        classes = [part.surface_classes for part in parts]
         if key in found:
             parts.append(_candidates_of_tile(buckets, key, point_map.cell, options, is_signed=point_map.is_signed))
             classes.append(np.full(len(parts[-1]), CANDIDATE, np.uint8))
@@ -218,18 +135,22 @@ def gather_evidence(
     weights = options.hit, options.miss, options.lowest, options.highest
     for part, keys in _stretches(observations, files, lambda each: _keys_around(each, point_map, options)):
         if keys:
-            within = SurfacesInReach([files.load(key) for key in keys])
+            surfaces = [files.load(key) for key in keys]
+            table, evidence = stacked(surfaces)
+            of_voxels = (*evidence.values(), np.full(len(evidence["log_odds"]), -1, np.int32))
             for number, each in enumerate(part, first):
                 origin, ends = each.pose.position, each.ends(drives, options)
                 distances = np.linalg.norm(ends - origin, axis=1)
                 margins = options.margins(each.sigma_position, each.sigma_angle, point_map.sigma, distances)
                 add_observation(
                     origin, ends, number, point_map.cell, margins, options.least_cosine, options.reach, weights,
-                    within.table, within.arrays,
+                    table, of_voxels,
                 )  # fmt: skip
                 report("weighing observations", number + 1, len(observations))
+            borders = np.cumsum([len(each.tile) for each in surfaces])[:-1]
+            of_tiles = {name: np.split(values, borders) for name, values in evidence.items()}
             for number, key in enumerate(keys):
-                files.save(key, within.of_tile(number))
+                files.save(key, {name: values[number] for name, values in of_tiles.items()})
         first += len(part)
     return files
 
@@ -260,11 +181,10 @@ def _stretches(
 def _sort_unknown_points(
     ends: NDArray[np.float64], pose: Pose, point_map: PointMap, options: UpdateOptions, buckets: TileBuckets
 ) -> None:
-    """Keep the ends of rays that lie near no surface of the map, above the ground, and in front of a known surface.
+    """Keep the ends of rays near no surface of the map, above the ground, and in front of a known surface.
 
     The last condition tells a new object from surroundings that the map does not cover, such as the end of a side
-    street or a house seen through a gap: only behind the new object does the map go on. The points go into `buckets`
-    with the directions to the sensor (`POINT`).
+    street or a house seen through a gap: only behind the new object does the map go on.
     """
     from maxcon.mapping.update.ray_kernels import are_far_from_voxels, hide_known_surfaces
 
@@ -290,19 +210,11 @@ def _sort_unknown_points(
 
 def _are_on_ground(points: NDArray[np.float64], patch: GroundPatch) -> NDArray[np.bool_]:
     """Whether each point lies on the ground, or below; none does where the map does not know the ground."""
-    from scipy.ndimage import distance_transform_edt
-
-    is_known = np.isfinite(patch.heights).any(axis=0)
-    if not (is_known.any() and len(points)):
-        return np.zeros(len(points), bool)
-    far, (rows, columns) = distance_transform_edt(~is_known, return_indices=True)
-    filled = patch.heights[:, rows, columns]
-    filled[:, far * patch.edge > GROUND_FILL] = np.nan
-    cells = np.floor(points[:, :2] / patch.edge).astype(np.int64) - patch.first
-    # Height above each level of the ground; comparisons with NaN are false.
-    above = points[:, 2] - filled[:, cells[:, 1], cells[:, 0]]
-    is_near = (np.abs(above) <= GROUND_CLEARANCE).any(axis=0)
-    return np.asarray(is_near | (above[0] < 0.0))
+    heights, distances = patch.filled()
+    known = np.where(distances <= GROUND_FILL, heights, np.nan)
+    rows, columns = patch.cells_at(points[:, 0], points[:, 1])
+    above = points[:, 2] - known[:, rows, columns]  # comparisons with NaN are false
+    return np.asarray((np.abs(above) <= GROUND_CLEARANCE).any(axis=0) | (above[0] < 0.0))
 
 
 def _candidates_of_tile(
@@ -312,6 +224,5 @@ def _candidates_of_tile(
     moments = VoxelMoments.from_records(buckets.records(key))
     (n_around,) = sums_around(moments.indices, moments.counts[:, None], 1).T
     moments = moments.select(n_around >= options.least_looks)
-    fitted = plane_normals(moments, cell, np.ones(len(moments), bool))
-    normals = turn_to_side(fitted, moments.sides) if is_signed else fitted
+    normals = plane_normals(moments, cell, np.ones(len(moments), bool), is_signed=is_signed)
     return voxel_tile(key, moments, normals.astype(np.float32), cell)

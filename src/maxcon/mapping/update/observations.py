@@ -4,7 +4,7 @@
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 
@@ -24,50 +24,28 @@ SAME_TIME = 1e-6  # s: times of the table are written to the nanosecond, those o
 
 @dataclass(frozen=True, slots=True)
 class UpdateOptions:
-    """Which scans are observations, how they are weighed, and when a surface is gone or new.
+    """Which scans are observations, how they are weighed, and when a surface is gone or new."""
 
-    - min_range, max_range: points nearer or farther than this are left out, m.
-    - reach: surfaces farther from the sensor are not judged, m: an angle of 0.1 degrees is 5 cm at 30 m.
-    - least_motion: an epoch is an observation of its own where the sensor has moved so far since the last one, m: while
-      it stands, its rays say the same again and again.
-    - sigma_range: standard deviation of a range, m.
-    - sigma_position: standard deviation of a pose along any axis, m, where the table of poses has none.
-    - sigma_angle_deg: the same of its angles, degrees.
-    - sigmas: a ray misses a surface if it ended so many standard deviations behind it.
-    - least_cosine: of the angle between a ray and the normal of a surface; flatter rays are no evidence.
-    - hit, miss: log-odds that an observation adds to a surface that it hit, and to one that it missed.
-    - start: log-odds of a surface of the map before the first observation; new ones begin at 0.
-    - lowest, highest: log-odds are kept between these: what was seen a hundred times can change within a few
-      observations.
-    - gone_at: a surface of the map is gone if the log-odds are at most this, in the mean over its neighbourhood, too.
-    - new_at: a surface that the map does not have is new if they are at least this.
-    - least_looks: fewest observations for either.
-    - least_time: from the first to the last hit of a new surface, s, where a single drive saw it: what passes is not
-      new.
-    - least_share: a neighbourhood is gone if at least this ratio of the observations of it missed it.
-    - least_voxels: a neighbourhood has at least so many voxels that changed the same way: single ones are noise.
-    """
-
-    min_range: float = 1.0
+    min_range: float = 1.0  # m; points nearer or farther than these are left out
     max_range: float = 120.0
-    reach: float = 30.0
-    least_motion: float = 0.5
-    sigma_range: float = 0.03
-    sigma_position: float = 0.03
-    sigma_angle_deg: float = 0.1
-    sigmas: float = 3.0
-    least_cosine: float = 0.1
-    hit: float = 0.85
+    reach: float = 30.0  # m; surfaces farther away are not judged: an angle of 0.1 degrees is 5 cm there
+    least_motion: float = 0.5  # m, of the sensor since the last observation: while it stands, its rays say the same
+    sigma_range: float = 0.03  # m, of a range
+    sigma_position: float = 0.03  # m, of a pose along any axis, where the table of poses has none
+    sigma_angle_deg: float = 0.1  # of its angles, degrees
+    sigmas: float = 3.0  # a ray misses a surface if it ended so many standard deviations behind it
+    least_cosine: float = 0.1  # of the angle between a ray and a surface's normal; flatter rays are no evidence
+    hit: float = 0.85  # log-odds that an observation adds to a surface that it hit, and to one that it missed
     miss: float = -0.4
-    start: float = 0.4
-    lowest: float = -2.0
+    start: float = 0.4  # log-odds of a surface of the map before the first observation; new ones begin at 0
+    lowest: float = -2.0  # log-odds stay between these: what was seen a hundred times can change within a few
     highest: float = 3.5
-    gone_at: float = -0.3
-    new_at: float = 1.7
-    least_looks: int = 2
-    least_time: float = 1.0
-    least_share: float = 0.7
-    least_voxels: int = 6
+    gone_at: float = -0.3  # a surface of the map is gone at most at these log-odds, its neighbourhood's mean too
+    new_at: float = 1.7  # a surface that the map does not have is new at least at these
+    least_looks: int = 2  # fewest observations for either
+    least_time: float = 1.0  # s, between hits of a new surface by a single drive: what passes is not new
+    least_share: float = 0.7  # a neighbourhood is gone if at least this ratio of its observations missed it
+    least_voxels: int = 6  # that changed the same way in a neighbourhood: single ones are noise
 
     def __post_init__(self) -> None:
         check_range(self.min_range, self.max_range)
@@ -80,11 +58,7 @@ class UpdateOptions:
     def margins(
         self, sigma_position: float | None, sigma_angle: float | None, sigma_map: float, distances: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """How far behind a surface rays must end to be a miss of it, m.
-
-        `sigma_position` (m), `sigma_angle` (rad): of the pose, those of the options if None; `sigma_map`: of the map's
-        surfaces, m; `distances` (n,): how far from the sensor the rays ended, m.
-        """
+        """How far behind a surface rays (n,) must end to be a miss of it, m; sigmas are the options' if None."""
         position = self.sigma_position if sigma_position is None else sigma_position
         angle = math.radians(self.sigma_angle_deg) if sigma_angle is None else sigma_angle
         variances = self.sigma_range**2 + position**2 + sigma_map**2 + (angle * distances) ** 2
@@ -138,15 +112,19 @@ class LocalizedDrive:
         trajectory = read_trajectory(reference)
         nearest = nearest_in_time(trajectory.times, scans.times)
         is_there = np.abs(trajectory.times[nearest] - scans.times) <= SAME_TIME
-        rows = tuple(
-            (i, PoseRow(float(scans.times[i]), trajectory.pose(int(nearest[i])), "localized", "", {}))
-            for i in np.flatnonzero(is_there).tolist()
-        )
-        if not rows:
+        poses = {i: trajectory.pose(int(nearest[i])) for i in np.flatnonzero(is_there).tolist()}
+        if not poses:
             raise FileError(
                 f"Expected reference poses at the times of the scans in {reference}, got none. Correct its times."
             )
-        return cls(scans, rows, Path(reference).name, sha256_of_file(Path(reference)))
+        return cls.of_poses(scans, poses, Path(reference))
+
+    @classmethod
+    def of_poses(cls, scans: Scans, poses: Mapping[int, Pose], path: Path) -> "LocalizedDrive":
+        """Return the drive of scans with poses, by their numbers, which come from a file, if there is one."""
+        times = scans.times.tolist()
+        rows = tuple((i, PoseRow(times[i], pose, "localized", "", {})) for i, pose in poses.items())
+        return cls(scans, rows, path.name, sha256_of_file(path) if path.is_file() else "")
 
 
 def observations_of(drives: Sequence[LocalizedDrive], frame: LocalFrame, options: UpdateOptions) -> list[Observation]:

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `evidence`).
 
-`table` is a `VoxelTable`. `evidence` are arrays of its voxels: log_odds (m,) float32; n_hits, n_misses
-(m,) int32, observations; hit_in (m, 2) int32, the first and the last observation that hit each, -1 for none; seen_in
-(m,) int32, the last observation that hit or missed it.
+`table` is a `VoxelTable`. `evidence` are arrays of its voxels: log_odds (m,) float32; n_hits, n_misses (m,) int32;
+hit_in (m, 2) int32, the first and the last observation that hit each; seen_in (m,) int32, the last that saw it; or -1.
 """
 
 import numpy as np
@@ -15,7 +14,7 @@ from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_
 
 @njit(nogil=True, cache=True, counts_references=False)
 def _is_miss(origin, along, length, plane, voxel, cell, margin, least_cosine, reach):
-    """Whether a ray saw through the surface in a voxel: `evidence.is_miss` for one of them."""
+    """Whether a ray saw through the surface in a voxel: the definition is in words in `evidence`."""
     nx, ny, nz, mx, my, mz = plane
     ox, oy, oz = origin
     ax, ay, az = along
@@ -131,8 +130,8 @@ def _walk(origin, end, scan, cell, margin, least_cosine, reach, weights, table, 
 def add_observation(origin, ends, scan, cell, margins, least_cosine, reach, weights, table, evidence):
     """Add one observation to the evidence of the voxels: first hits, then misses.
 
-    origin : (3,) float64, the sensor; ends : (n, 3) float64, local frame, m; scan : number of the observation, rising
-    from 0; margins : (n,) float64, m, of each ray, see `evidence.is_miss`; weights : (hit, miss, lowest, highest).
+    ends : (n, 3) float64, local frame, m; scan : number of the observation, rising from 0; margins : (n,) float64, m,
+    how far behind a surface each ray must end; weights : (hit, miss, lowest, highest).
     """
     for i in range(ends.shape[0]):
         dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
@@ -172,11 +171,10 @@ def are_far_from_voxels(points, reach, cell, table, is_far):
 
 @njit(nogil=True, cache=True, counts_references=False)
 def hide_known_surfaces(origin, ends, clearance, most, cell, table, heights, first, edge, is_hiding):
-    """Find the rays whose extension behind their end meets a voxel or the ground of the map.
+    """Find the rays whose extension, `clearance` to `most` (m) behind their end, meets a voxel or the map's ground.
 
-    origin : (3,) float64; ends : (n, 3) float64, local frame, m; clearance, most : from where to where behind the end
-    a surface counts, m; heights : (levels, ny, nx) float32, ground in cells of `edge` (m) from number `first` on, NaN
-    where it is not known; is_hiding : (n,) bool, out. The ray is looked at in steps of half a voxel.
+    ends : (n, 3) float64, local frame, m; heights : (levels, ny, nx) float32, ground in cells of `edge` (m) from number
+    `first` on, NaN where it is not known. The ray is looked at in steps of half a voxel.
     """
     step = 0.5 * cell
     n_steps = np.int64((most - clearance) / step)

@@ -21,14 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system import Progress
-from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.version import __version__
 from maxcon.errors import MapError, OptionError
 from maxcon.map import TILE_VOXELS, PointMap, TileKey
 from maxcon.map.layout import SurfaceClass
-from maxcon.map.manifest import CLASSES, GROUND, MAP_NAMES, TILES, Manifest, read_manifest
+from maxcon.map.manifest import CLASSES, GROUND, TILES, Manifest, read_manifest
 from maxcon.map.storage import MapStorage, open_storage
-from maxcon.map.store import MapWriter, Section, classes_record, tile_record
+from maxcon.map.store import MapWriter, Section, classes_record, map_folder, tile_record
 from maxcon.mapping.build.tile_points import sums_around
 from maxcon.mapping.update.evidence import CANDIDATE, EVIDENCE, Evidence, SurfaceFiles, Surfaces, gather_evidence
 from maxcon.mapping.update.observations import LocalizedDrive, Observation, UpdateOptions, observations_of
@@ -47,18 +46,8 @@ def update_map(
 ) -> Manifest:  # fmt: skip
     """Write the next version of a map; the map itself is not touched, and nothing that was measured is deleted.
 
-    Memory is bounded by the tiles in reach of a few observations, not by the drives.
-
-    - parent: the map.
-    - drives: scans that were localized in it, or in an earlier version of it.
-    - out: folder of the new version; it appears when all is done.
-    - options: what counts as evidence, and when a surface is gone or new; the defaults if None.
-    - overwrite: whether a map that is at `out` is replaced; anything else there is an error, and so is the map itself.
-    - progress: called with (step, done, of how many).
-
-    The manifest returned names the parent by checksum, and the drives, under `updates` of its `build`. OptionError,
-    MapError or FileError if `out` is the map itself, there is no drive, or one is named twice, or comes nowhere near
-    the map; or if the map or a scan cannot be read, or `out` cannot be written.
+    Memory is bounded by the tiles in reach of a few observations. The manifest returned names the parent by checksum,
+    and the drives, under `updates` of its `build`.
     """
     options, report = options or UpdateOptions(), progress or (lambda step, done, total: None)
     if not drives or Path(out).resolve() == Path(parent).resolve():
@@ -67,8 +56,6 @@ def update_map(
         )
     if twice := [key for key, n in Counter((drive.name, drive.sha256) for drive in drives).items() if n > 1]:
         raise OptionError(f"Expected each drive once, got {twice[0][0]} more than once. Name it once.")
-    if overwrite:
-        check_replaceable(out, "a map", MAP_NAMES)
     files = open_storage(parent)
     manifest = read_manifest(files)
     point_map = PointMap.open(parent, cache_bytes=CACHE_BYTES, left_out=None)
@@ -79,7 +66,7 @@ def update_map(
             f"Expected drives through {parent}, but no pose comes near it; the first is at x {first.x:.7g}, y"
             f" {first.y:.7g} m. Was it localized in another map, or in another CRS?"
         )
-    with atomic_folder(out, overwrite=overwrite) as folder:
+    with map_folder(out, overwrite=overwrite) as folder:
         work = folder / "work"
         work.mkdir()
         evidence = gather_evidence(point_map, drives, observations, options, work, report)
@@ -87,12 +74,9 @@ def update_map(
             counts = _write_tiles(writer, files, manifest, evidence, classify(evidence, observations, options), report)
             rmtree(work)
             update = {
-                "program": f"maxcon {__version__}",
-                "parent": {"name": Path(parent).name, "sha256": manifest.sha256},
-                "drives": _describe(drives, observations),
-                "options": asdict(options),
-                **counts,
-            }
+                "program": f"maxcon {__version__}", "parent": {"name": Path(parent).name, "sha256": manifest.sha256},
+                "drives": _describe(drives, observations), "options": asdict(options), **counts,
+            }  # fmt: skip
             updates = [*manifest.build.get("updates", []), update]
             return writer.finish(replace(manifest, build={**manifest.build, "updates": updates}))
 
@@ -108,7 +92,8 @@ def _write_tiles(
     for done, key in enumerate(keys, 1):
         if key in evidence.n_voxels:
             surfaces, found = next(classified)
-            before, is_kept = surfaces.classes, found != CANDIDATE  # candidates that are not new are left out
+            before = surfaces.tile.surface_classes
+            is_kept = found != CANDIDATE  # candidates that are not new are left out
             classes, is_added, was_gone = found[is_kept], before[is_kept] == CANDIDATE, before == SurfaceClass.GONE
             tile = replace(surfaces.tile.rows(is_kept), classes=classes)
             if len(tile):
@@ -152,9 +137,6 @@ def _describe(drives: Sequence[LocalizedDrive], observations: Sequence[Observati
     ]
 
 
-# --- classification --------------------------------------------------------------------------------------------
-
-
 def classify(
     files: SurfaceFiles, observations: Sequence[Observation], options: UpdateOptions
 ) -> Iterator[tuple[Surfaces, NDArray[np.uint8]]]:
@@ -179,7 +161,7 @@ def classify(
 
     for key in keys:
         indices, parts = within(key)
-        classes = np.concatenate([load(each).classes[rows] for each, rows in parts])
+        classes = np.concatenate([load(each).tile.surface_classes[rows] for each, rows in parts])
         evidence = {
             name: np.concatenate([load(each).evidence[name][rows] for each, rows in parts]) for name in EVIDENCE
         }
@@ -188,7 +170,7 @@ def classify(
     for key in keys:
         indices, parts = within(key)
         found = np.concatenate([load_found(each)[rows] for each, rows in parts])
-        yield load(key), _final_classes(indices, load(key).classes, found, options)
+        yield load(key), _final_classes(indices, load(key).tile.surface_classes, found, options)
 
 
 def _first_classes(

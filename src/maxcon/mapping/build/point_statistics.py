@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Standard deviation of a map: how far passes of the mapping vehicle differ where they saw the same wall."""
+"""What points tell of a map: the voxel edge that suits them, and how far passes of the mapping vehicle differ."""
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -13,7 +14,21 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from maxcon._system.checked import checked, read_json
-from maxcon.map.layout import UNKNOWN_SIGMA
+from maxcon.map.layout import TILE_VOXELS, UNKNOWN_SIGMA, TileKey
+from maxcon.mapping.build.options import LEAST_CELL
+from maxcon.mapping.build.tile_points import TileBuckets
+
+# Voxels of this many spacings (of those that 90 % of the points keep) have few holes; measured on the drives of
+# docs/decisions/map-on-disk.md.
+SPACINGS_PER_CELL = 1.2
+# No larger voxels are chosen (m): where points lie farther apart surfaces cannot be told from single points.
+LARGEST_CELL = 0.6
+
+# Neighbours are looked for within squares of a tile, of the points that are MARGIN from their borders, m: a neighbour
+# farther away than that counts as so far away.
+SQUARE, MARGIN = 2.0, 0.5
+# So many tiles, evenly over the map, are looked at; of each all squares, or while they have more points every second.
+MOST_TILES, MOST_SAMPLED, MOST_SQUARES_APART = 64, 100_000, 64
 
 ALIGNMENT = "alignment.json"
 LARGEST_ALIGNMENT = 2**24  # bytes
@@ -41,14 +56,80 @@ LEAST_STRETCHES = 4
 LEAST_PLACES = 50
 
 
+@dataclass(frozen=True, slots=True)
+class PointSpacing:
+    """Distances of map points to the nearest other one."""
+
+    median: float  # m
+    at_90: float  # the distance that 90 % of the points keep, m; `MARGIN` stands for anything farther
+    n_points: int  # of how many points
+    is_of_scans: bool = False  # scans of a drive: between their rings points lie farther apart than these tell
+
+    @property
+    def cell(self) -> float:
+        """The voxel edge that suits the points, m: whole multiples of `LEAST_CELL`, rounded down; of scans rounded."""
+        n_steps = round(SPACINGS_PER_CELL * self.at_90 / LEAST_CELL, None if self.is_of_scans else 3)
+        return min(round(max(1, int(n_steps)) * LEAST_CELL, 2), LARGEST_CELL)
+
+    def describe(self) -> dict[str, object]:
+        """Return its entry in the manifest (docs/map_format.md)."""
+        spacing = {"median": round(self.median, 4), "at_90": round(self.at_90, 4)}
+        return {**spacing, "n_points": self.n_points, "suits_cell": self.cell}
+
+
+def point_spacing(points: TileBuckets, cell: float, *, are_scans: bool = False) -> PointSpacing | None:
+    """Measure the spacing of points sorted into tiles of voxels of this edge (m); None if it cannot be told."""
+    keys, distances, weights = points.keys, list[NDArray[np.float64]](), list[NDArray[np.int64]]()
+    for number in np.unique(np.linspace(0, len(keys) - 1, MOST_TILES).astype(int)):
+        sample, every = _sample_of_tile(points, keys[number], cell)
+        distances.append(nearest_distances(sample, TILE_VOXELS * cell))
+        weights.append(np.full(len(distances[-1]), every))
+    near, n_stood_for = np.concatenate(distances), np.concatenate(weights)
+    if not len(near):
+        return None
+    order = np.argsort(near)
+    ranks = np.cumsum(n_stood_for[order])
+    median, at_90 = near[order[np.searchsorted(ranks, [0.5 * ranks[-1], 0.9 * ranks[-1]])]].tolist()
+    return PointSpacing(median, at_90, len(near), are_scans)
+
+
+def _sample_of_tile(points: TileBuckets, key: TileKey, cell: float) -> tuple[NDArray[np.float64], int]:
+    """Return all points, shape (n, 3), m from the tile's corner, in one of so many squares, and that number."""
+    every, parts = 1, list[NDArray[np.float64]]()
+    for records in points.records(key):
+        places = np.column_stack([records["column"], records["layer"]]) * cell + records["inside"]
+        parts.append(places[_is_in_sample(places, every)])
+        while sum(map(len, parts)) > MOST_SAMPLED and every < MOST_SQUARES_APART:
+            every *= 2
+            parts = [part[_is_in_sample(part, every)] for part in parts]
+    return np.concatenate(parts), every
+
+
+def _is_in_sample(points: NDArray[np.float64], every: int) -> NDArray[np.bool_]:
+    """Which points, shape (n, 3), lie in the squares of the sample: one of `every`."""
+    x, y = np.floor(points[:, :2].T / SQUARE).astype(np.int64)
+    return np.asarray((x + 3 * y) % every == 0)
+
+
+def nearest_distances(points: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
+    """Distance to the nearest other one, at most `MARGIN`, of each point (n, 3), m, so far inside of its square."""
+    from scipy.spatial import cKDTree
+
+    inside = points[:, :2] % SQUARE
+    is_inner = (inside >= MARGIN) & (inside < SQUARE - MARGIN) & (points[:, :2] < edge // SQUARE * SQUARE)
+    if not is_inner.all(axis=1).any():
+        return np.empty(0)
+    asked = points[is_inner.all(axis=1)]
+    distances, _ = cKDTree(points).query(asked, k=2, distance_upper_bound=MARGIN)
+    return np.asarray(np.minimum(distances[:, 1], MARGIN))
+
+
 def map_sigma(
     given: float | None, sample: "PlaceSample", aligned: float | None = None
 ) -> tuple[float, dict[str, object]]:
     """Return the standard deviation of a map's position along any axis, m, and where it is from, for the manifest.
 
-    `given`: from the options, taken as it is; `sample`: points with times, from which it is estimated otherwise;
-    `aligned`: from `maxcon map align`, m: aligned passes differ less than they are wrong by, so that an estimate below
-    it is not believed. Estimates are rounded to 0.1 mm; `UNKNOWN_SIGMA` where there are not enough passes.
+    Aligned passes differ less than they are wrong by: an estimate below that of `maxcon map align` is not believed.
     """
     if given is not None:
         return float(given), {"from": "given"}
@@ -58,11 +139,9 @@ def map_sigma(
     if not found.is_enough:
         return UNKNOWN_SIGMA, {"from": "assumed", "reason": found.shortcoming}
     return round(found.sigma_of_map, 4), {
-        "from": "passes",
-        "n_passes": found.n_passes,
-        "sigma_of_pass": round(found.sigma_of_pass, 4),
+        "from": "passes", "n_passes": found.n_passes, "sigma_of_pass": round(found.sigma_of_pass, 4),
         "n_places": found.n_places,
-    }
+    }  # fmt: skip
 
 
 class _Sigmas(Struct):
@@ -89,10 +168,7 @@ def aligned_sigma(files: Iterable[Path]) -> float | None:
 
 
 class PlaceSample:
-    """All points of an even sample of places, with their times; memory does not grow with the input.
-
-    While there are more than `most_points`, every other place is left out, whatever the order of points and files.
-    """
+    """All points, with times, of an even sample of places: every other place goes while there are too many."""
 
     def __init__(self, most_points: int = MOST_POINTS) -> None:
         self._most_points = most_points
@@ -122,10 +198,7 @@ class PlaceSample:
 
 
 def place_keys(points: NDArray[np.float64]) -> NDArray[np.uint64]:
-    """Number the cube that each point, (n, 3), m, is in, as if by chance: those that end in many zeros are a sample.
-
-    Cubes 2^21 edges apart along an axis share their number.
-    """
+    """Number the cube that each point, (n, 3), m, is in, as if by chance: those that end in many zeros are a sample."""
     x, y, z = (np.floor(points / PLACE_EDGE).astype(np.int64) & (2**21 - 1)).T.astype(np.uint64)
     keys = (x << np.uint64(42)) | (y << np.uint64(21)) | z
     for shift, factor in MIX:
@@ -158,11 +231,7 @@ class PassDifferences(NamedTuple):
 
 
 def compare_passes(records: NDArray[np.void]) -> PassDifferences:
-    """Find how far passes differ across the planes that several of them saw, from points (`PLACE_POINT`) in order.
-
-    Two offsets of passes with independent errors of standard deviation s along any axis differ by sqrt(2) s, and by
-    the noise of the points, which is known and subtracted.
-    """
+    """Find how far passes differ across planes that several saw: two of sigma s by sqrt(2) s, and by noise."""
     is_new_place = np.diff(records["place"], prepend=~records["place"][:1]) != 0
     is_new_pass = is_new_place | (np.diff(records["time"], prepend=-np.inf) > LEAST_PAUSE)
     starts = np.flatnonzero(is_new_pass)
@@ -186,21 +255,16 @@ def compare_passes(records: NDArray[np.void]) -> PassDifferences:
     # Of the mean of all points of a place, beside that of one pass: 1/5 if five passes left as many each.
     parts = np.bincount(place_of_pass, n_points**2.0) / np.bincount(place_of_pass, n_points) ** 2
     return PassDifferences(
-        n_passes,
-        len(np.unique(places[first])),
-        len(np.unique(np.floor(times[np.concatenate([first, second])] / STRETCH))),
-        math.sqrt(variance),
+        n_passes, len(np.unique(places[first])),
+        len(np.unique(np.floor(times[np.concatenate([first, second])] / STRETCH))), math.sqrt(variance),
         math.sqrt(variance * float(parts[at_planes].mean())),
-    )
+    )  # fmt: skip
 
 
 def _planes(
     points: NDArray[np.float64], n_points: NDArray[np.int64], places: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Fit a plane to every place, with one normal for all passes and an offset for each.
-
-    Return for each pass at a place its offset (m), the variance of that from noise (m^2), and whether it is a plane.
-    """
+    """Offset (m) from one plane per place, its variance from noise (m^2), and whether it is a plane, of each pass."""
     counts, rows = n_points.astype(np.float64), np.cumsum(n_points) - n_points
     means = np.add.reduceat(points, rows, axis=0) / counts[:, None]
     centred = points - np.repeat(means, n_points, axis=0)
@@ -223,9 +287,8 @@ def _planes(
 def _variance(differences: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
     """Variance of differences (m) less that of their noise (m^2), without those of things that changed, m^2.
 
-    The median gives the scale; of the differences within three of it the mean square is taken. Two passes d apart are
-    both within `LARGEST_OFFSET` of a cube's middle the less often the larger d is, and count the more for it. Beyond
-    0.9 of the most that can be seen there is nothing to weigh.
+    Two passes d apart are both within `LARGEST_OFFSET` of a cube's middle the less often the larger d is, and count
+    the more for it. Beyond 0.9 of the most that can be seen there is nothing to weigh.
     """
     sizes, largest = np.abs(differences), 2.0 * LARGEST_OFFSET
     is_usual = sizes <= min(OUTLIER * float(np.median(sizes)) / NORMAL_MEDIAN, 0.9 * largest)
