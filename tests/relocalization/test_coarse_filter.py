@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 
 from maxcon import PointMap, Pose, Scan
 from maxcon.relocalization import coarse_filter
-from maxcon.relocalization.coarse_filter import HEADINGS, STEP_DEG, CoarseScan, CountedCells, Regions, filter_cells
+from maxcon.relocalization.coarse_filter import (
+    HEADINGS,
+    STEP_DEG,
+    CoarseScan,
+    Regions,
+    count_all,
+    counts_of_region,
+    filter_cells,
+)
 from maxcon.relocalization.coarse_map import Area, CoarseMap
 from maxcon.relocalization.kernels import REGION
 from maxcon.relocalization.relocalizer import CELL, MOST_COARSE, SAME_COARSE, SAME_COARSE_DEG
@@ -36,32 +44,6 @@ def few_headings():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(coarse_filter, "HEADINGS", FEW)
         yield
-
-
-def counts_of_region(scan, regions, key):
-    """The definition: points that match at each heading and cell, -1 where no scanner may stand."""
-    headings = coarse_filter.HEADINGS
-    turned, voxels = scan.turned(headings, regions.map.cell), regions.map.region(key).bins
-    counts = np.zeros((len(headings), REGION, REGION), np.int32)
-    for heading in range(len(headings)):
-        columns = turned.columns[heading] + regions.map.margin
-        for layer, (x, y), bit in zip(turned.layers, columns, turned.bins[heading], strict=True):
-            counts[heading] += (voxels[layer, y : y + REGION, x : x + REGION] & (1 << int(bit))) != 0
-    counts[:, ~regions.allowed[key]] = -1
-    return counts
-
-
-def count_all(scan, regions, ratio):
-    """Every cell whose count reaches a ratio of the highest one: every cell at every heading is counted."""
-    counts = {key: counts_of_region(scan, regions, key) for key in regions.allowed}
-    best = max((int(each.max()) for each in counts.values()), default=0)
-    cells, scores = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
-    if best > 0:
-        for (key_x, key_y), each in counts.items():
-            reaching = np.argwhere(each >= ratio * best)
-            cells.append(reaching + np.array([0, key_y * REGION, key_x * REGION]))
-            scores.append(each[tuple(reaching.T)].astype(np.int64))
-    return CountedCells.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.map.cell)
 
 
 def assert_as_defined(scan, regions, ratio, **options):

@@ -154,6 +154,35 @@ def in_order(cells: Nodes, counts: Counts) -> NDArray[np.intp]:
     return np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0], -counts))
 
 
+def counts_of_region(scan: CoarseScan, regions: Regions, key: TileKey) -> NDArray[np.int32]:
+    """Points that match at each heading and cell of a region, shape (headings, REGION, REGION).
+
+    Cells in which no scanner may stand have -1. A point matches where the voxel that it falls in has its orientation
+    bin. The scanner stands in the middle of the cell.
+    """
+    turned, voxels = scan.turned(HEADINGS, regions.map.cell), regions.map.region(key).bins
+    counts = np.zeros((len(HEADINGS), REGION, REGION), np.int32)
+    for heading in range(len(HEADINGS)):
+        columns = turned.columns[heading] + regions.map.margin
+        for layer, (x, y), bit in zip(turned.layers, columns, turned.bins[heading], strict=True):
+            counts[heading] += (voxels[layer, y : y + REGION, x : x + REGION] & (1 << int(bit))) != 0
+    counts[:, ~regions.allowed[key]] = -1
+    return counts
+
+
+def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> CountedCells:
+    """Find every cell whose count reaches a ratio of the highest one: every cell at every heading is counted."""
+    counts = {key: counts_of_region(scan, regions, key) for key in regions.allowed}
+    best = max((int(each.max()) for each in counts.values()), default=0)
+    cells, scores = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
+    if best > 0:
+        for (key_x, key_y), each in counts.items():
+            reaching = np.argwhere(each >= ratio * best)
+            cells.append(reaching + np.array([0, key_y * REGION, key_x * REGION]))
+            scores.append(each[tuple(reaching.T)].astype(np.int64))
+    return CountedCells.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.map.cell)
+
+
 def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> CountedCells:
     """Find every cell whose count reaches a ratio of the highest one, at most `MOST_KEPT` of them.
 

@@ -10,45 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import PointMap
-from maxcon.mapping.update.evidence import CANDIDATE, Surfaces, initial_evidence, stacked
+from maxcon.mapping.update.evidence import CANDIDATE, Surfaces, initial_evidence, is_hit, is_miss, stacked
 from maxcon.mapping.update.observations import UpdateOptions
 from maxcon.mapping.update.ray_kernels import add_observation, are_far_from_voxels, hide_known_surfaces
 
 CELL = 0.1
 MARGIN = 0.15
 WEIGHTS = (0.85, -0.4, -2.0, 3.5)
-
-
-# The definition, in plain NumPy: the kernels do the same for many.
-def is_hit(end, voxels, cell):
-    """Whether a ray that ended at `end`, (3,), m, hit each of the voxels, indices (n, 3)."""
-    there = np.floor(end / cell).astype(np.int64)
-    return (np.abs(voxels - there) <= 1).all(axis=1)
-
-
-def is_miss(origin, end, voxels, means, normals, cell, margin, least_cosine, reach):
-    """Whether a ray missed each of the voxels: it saw through the surface there.
-
-    margin: how far behind a surface the end must lie, m; reach: voxels farther along the ray are not judged, m.
-    """
-    length = float(np.sqrt(((end - origin) ** 2).sum()))
-    if length == 0.0:
-        return np.zeros(len(voxels), bool)
-    along = (end - origin) / length
-    cosines = normals @ along
-    has_normal = normals.any(axis=1)
-    is_steep = np.abs(cosines) >= least_cosine
-    to_mean = means - origin
-    to_plane = np.divide((to_mean * normals).sum(axis=1), cosines, out=np.full(len(voxels), np.inf), where=is_steep)
-    at = np.where(has_normal, to_plane, to_mean @ along)  # m along the ray
-    is_ahead = (at > 0.0) & (at < min(length, reach))
-    at = np.where(is_ahead, at, 0.0)
-    crossing = origin + at[:, None] * along
-    is_inside = (np.floor(crossing / cell).astype(np.int64) == voxels).all(axis=1)
-    steepness = np.where(has_normal, np.abs(cosines), 0.5)
-    is_clear = (at * steepness >= margin) & ((length - at) * steepness >= margin)
-    is_close = has_normal | (((crossing - means) ** 2).sum(axis=1) <= (0.5 * cell) ** 2)
-    return is_ahead & is_inside & is_clear & is_close & (is_steep | ~has_normal)
 
 
 def is_missed(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.2, reach=50.0):
