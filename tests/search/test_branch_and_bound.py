@@ -236,7 +236,10 @@ def test_an_objective_without_bounds_is_searched_exhaustively_in_a_space_small_e
     ("score", "words"),
     [
         (lambda moments: moments[..., 0] * np.nan, r"scores of searches\.OwnObjective that are numbers, got NaN\."),
-        (lambda moments: moments.sum(), r"searches\.OwnObjective to return scores of shape \(.*\), got \(\) of float64\."),
+        (
+            lambda moments: moments.sum(),
+            r"searches\.OwnObjective to return scores of shape \(.*\), got \(\) of float64\.",
+        ),
         (lambda moments: moments[..., 0] - 1e9, r"scores of 0 or more .*, got -1e\+09\. Let the objective return 0"),
     ],
 )

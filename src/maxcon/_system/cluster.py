@@ -23,11 +23,7 @@ TASKS_OF_WORKER = 3  # the one in work, and two ahead
 
 @contextmanager
 def joined_cluster(address: str, close: Callable[[], None], warn: Callable[[str], None] | None) -> Iterator["Cluster"]:
-    """Yield the workers of the scheduler at an address; certificates are those of dask's own configuration.
-
-    In the end each worker calls `close`, behind what it has in work. OptionError if there is no scheduler, or it has no
-    workers; `warn` is called with a line where these are waited for.
-    """
+    """Yield the workers of the scheduler at an address, each of which calls `close` in the end."""
     from distributed import Client, fire_and_forget
 
     with _quiet(), ExitStack() as stack:

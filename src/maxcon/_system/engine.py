@@ -40,10 +40,7 @@ def n_processors() -> int:
 
 
 class Job(Protocol[TaskT, ResultT_co]):
-    """A kind of work, opened once by each process that takes part. A task done twice gives the same result twice.
-
-    It travels to each process: paths, names and options, but no maps and no scans.
-    """
+    """A kind of work, opened once by each process that it travels to; a task done twice has one result."""
 
     def open(self) -> Callable[[TaskT], ResultT_co]:
         """Open what the tasks need; return what does one of them."""

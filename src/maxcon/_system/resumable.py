@@ -25,11 +25,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Iterator[None]:
-    """Hold a folder of work, `what` ("a study"), while the block runs; it is made if it is not there.
-
-    The block writes the file `record` before any other: a folder with others and without it is somebody else's.
-    FileError if so, or if it cannot be written, or another process is at work on it.
-    """
+    """Hold a folder of work while the block runs; one with other files and no `record` is somebody else's."""
     root = Path(folder)
     check_folder(root)
     sweep(root)
@@ -45,10 +41,7 @@ def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Itera
 
 
 def describe(value: Any) -> Any:
-    """Describe an object as JSON can hold it: the name of its class and the values of its public fields, recursively.
-
-    Two methods of equal fields have the same description. OptionError if something in it has none: a function, say.
-    """
+    """Describe an object as JSON can hold it: the name of its class and its public fields, recursively."""
     if isinstance(value, Enum | np.generic):
         return describe(value.value if isinstance(value, Enum) else value.item())
     if value is None or isinstance(value, bool | int | float | str):

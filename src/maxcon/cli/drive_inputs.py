@@ -138,10 +138,7 @@ class OpenedDrive:
         return self.windows or self.method
 
     def estimates(self, first: int = 0, last: int | None = None) -> Iterator[EpochEstimate]:
-        """Localize the epochs `first` to `last` - 1; a track from its beginning to its end.
-
-        What cannot work is said at once, with the files.
-        """
+        """Localize the epochs `first` to `last` - 1; a track from its beginning to its end."""
         if not self.opener.is_track:
             return self.drive.estimates(first, len(self.scans) if last is None else last, self.opener.threads)
 
@@ -175,10 +172,7 @@ class OpenedDrive:
 
 
 def by_workers(opened: OpenedDrive, engine: Engine, first: int, with_points: frozenset[int]) -> Iterator[EpochEstimate]:
-    """Yield the epochs of a drive from one on, in order, localized by the workers of an engine.
-
-    Points stay with the workers; those of the epochs `with_points` are read once more.
-    """
+    """Yield the epochs from one on, in order, localized by workers; points of those `with_points` are read again."""
     epochs = range(first, len(opened.drive.scans))  # what cannot work is said before anything is started
     found = in_order_of(epochs, _done(opened, engine, list(tasks_of(opened.entry, epochs))))
     return (opened.with_points(epoch) if epoch.epoch in with_points else epoch for epoch in found)
@@ -242,10 +236,7 @@ def read_rough_poses(
     path: Path, crs: str | None, geoid_height: float | None, asked: Mapping[str, str | None], *,
     are_sure: bool, **how: Any,
 ) -> RecordedPoses:  # fmt: skip
-    """Return the poses of a recording, a table or a log, as they are there; OptionError for an option without effect.
-
-    `asked`: the options of recordings, by their names; `how`: what `read_recorded_poses` takes of them.
-    """
+    """Return the poses of a recording (`asked` are options of those alone), a table or a log, as they are there."""
     if is_recording(path) and path.suffix.lower() != CAPTURE_SUFFIX:
         return read_recorded_poses(path, crs=crs, geoid_height=geoid_height, are_sure=are_sure, **how)
     check_exclusive({f"{path}, which is no recording,": True}, asked)
@@ -303,10 +294,7 @@ def _fixed_space(given: SpaceOptions) -> SearchSpace:
 def _within_sigmas(
     given: SpaceOptions, method: MaximumConsensus, prior: Trajectory, max_gap: float, *, track: bool
 ) -> WithinSigmas | None:
-    """What searches within given standard deviations, or those of the prior; None for half widths.
-
-    A track is searched within half widths, unless standard deviations are given.
-    """
+    """What searches within standard deviations, given or of the prior; None for half widths, those of tracks."""
     if given.sigma_position is not None and given.sigma_heading_deg is not None:
         variances = np.square([given.sigma_position, given.sigma_position, math.radians(given.sigma_heading_deg)])
         covariances = np.tile(np.diag(variances), (len(prior), 1, 1))

@@ -190,10 +190,7 @@ class TableOfDrive:
             write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
 
     def print_summary(self, map_: Path | str, searched: str, left_out: tuple[str, ...] = ()) -> None:
-        """Say how many epochs are localized, in which time and searched where, and why the others are not.
-
-        left_out: what is wrong with rows of the prior that are no poses.
-        """
+        """Say how many epochs are localized, in which time and searched where, and why the others are not."""
         there, epochs = self.there, self.epochs
         if there.n_rows and not epochs:
             typer.echo(
@@ -239,11 +236,7 @@ class TableOfDrive:
 def end_of_drive(
     epochs: list[EpochEstimate], n_epochs: int, n_localized_before: int = 0, *, is_track: bool = False
 ) -> None:
-    """Exit with 1 unless every epoch is localized; of a track every one from the first that is.
-
-    A track that begins where several places look alike has no answer until it has seen enough of the way to tell them
-    apart: that is how it works, and no fault of the drive.
-    """
+    """Exit with 1 unless every epoch is localized; of a track every one from the first that is."""
     are_localized = [epoch.pose_global is not None for epoch in epochs]
     if is_track and any(are_localized):
         is_whole = all(are_localized[are_localized.index(True) :])

@@ -248,10 +248,7 @@ class WorkerOptions(OptionGroup, title="How it is done"):
 
 
 def parse_objective(word: str) -> "Objective":
-    """Return the objective of a name, or one's own, "package.module:Name": a class or an object.
-
-    Modules are looked for in the working folder, too. OptionError if there is none.
-    """
+    """Return the objective of a name, or one's own, "package.module:Name", also of the working folder."""
     import numpy as np
 
     from maxcon.search.objectives import as_objective, scores_of

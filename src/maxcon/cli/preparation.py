@@ -64,7 +64,7 @@ def info(
     from rich.console import Console
     from rich.table import Table
 
-    from maxcon.io.scans.description import describe
+    from maxcon.io.scans import describe
     from maxcon.io.text import printable
 
     found = describe(path, topic)

@@ -50,35 +50,11 @@ def export_poses(
     point_map: PointMap | None = None, scans: Scans | None = None, has_scores: bool = False,
     min_range: float = 1.0, max_range: float = 120.0,
 ) -> list[PoseRow]:  # fmt: skip
-    """Write the poses of POSES.csv, or of a drive's Parquet file, for another program.
+    """Write the poses of POSES.csv, or of a drive's Parquet file, for another program; return all rows.
 
-    Parameters
-    ----------
-    table : path
-        Written by `maxcon localize`; of many drives `drive=NAME/poses.parquet`.
-    out : path
-        `.geojson` (WGS 84), `.gpkg` (in the CRS; needs the extra export), `.kml`, `.mcap` (poses and transforms of
-        ROS 2; needs the extra recordings), `.rrd` (Rerun; needs the extra view), `.tum`, `.kitti` (and the times beside
-        it, `.times.txt`), or `.csv` with angles in degrees and compass bearings.
-    crs : str, optional
-        Code or WKT of the coordinates, that of the map; where it has a code, the table says it, too.
-    point_map, scans, min_range, max_range : optional
-        Map and scans of the table, which `.mcap` and `.rrd` show, thinned, without points nearer or farther, m.
-    has_scores : bool
-        Whether `.rrd` shows scores of cells, too, of a search anew around each prior, as by default.
-
-    Returns
-    -------
-    list of PoseRow
-        All rows, localized or not.
-
-    Raises
-    ------
-    OptionError: if the suffix is none of these.
-    CrsError: if one is needed and not given, or not known.
-    FileError, TrajectoryError: if the table cannot be read, has no pose, or `out` cannot be written; if a localized
-        row has no scan of its time.
-    MissingExtraError: if the package for the format is not installed.
+    out: a file of one of `EXPORT_SUFFIXES`. crs: code or WKT of the coordinates, where the table does not say it.
+    point_map, scans, min_range, max_range: what .mcap and .rrd show, thinned, without points nearer or farther, m.
+    has_scores: whether .rrd shows scores of cells, too, of a search anew around each prior, as by default.
     """
     path, suffix = Path(out), Path(out).suffix.lower()
     rows, crs = _rows_to_export(table, suffix, EXPORT_SUFFIXES, crs)
@@ -104,12 +80,7 @@ def export_scans(
     table: str | os.PathLike[str], out: str | os.PathLike[str], scans: Scans, crs: str | None, *,
     min_range: float = 1.0, max_range: float = 120.0,
 ) -> tuple[list[PoseRow], int]:  # fmt: skip
-    """Write the scans of the localized epochs, placed in the map, as .laz or .las; return all rows and how many points.
-
-    scans: those of the table: a localized row without a scan of its time is a TrajectoryError.
-    min_range, max_range: points nearer or farther than this are left out, m.
-    Other errors as of `export_poses`.
-    """
+    """Write the scans of the localized epochs, placed in the map, as LAZ or LAS; return rows and how many points."""
     rows, crs = _rows_to_export(table, Path(out).suffix.lower(), SCAN_SUFFIXES, crs)
     return rows, write_placed_scans(Path(out), rows, scans, crs, min_range, max_range)
 

@@ -29,11 +29,7 @@ def _localized(rows: Sequence[PoseRow]) -> list[tuple[PoseRow, Pose]]:
 
 
 def write_geojson(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
-    """Write GeoJSON (RFC 7946), a feature per epoch: a point in WGS 84 where it is localized, else no geometry.
-
-    Position and covariance in the CRS of the map stand among the properties, as does the CRS. The height of a point is
-    that of the map, m, whatever it is counted from.
-    """
+    """Write GeoJSON (RFC 7946), a feature per epoch: a point in WGS 84 with the map's height where it is localized."""
     features = []
     lonlats = iter(to_wgs84(crs, [(pose.x, pose.y) for _, pose in _localized(rows)]))
     for row in rows:
@@ -104,10 +100,7 @@ def write_kml(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
 
 
 def write_degrees(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -> None:
-    """Write CSV of every epoch: time (s), position (m), angles (degrees) and all else; `read_trajectory` reads it, too.
-
-    Here and in the formats below the CRS is not used.
-    """
+    """Write CSV of every epoch: time (s), position (m), angles (degrees) and all else; `read_trajectory` reads it."""
     with atomic_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         for number, row in enumerate(rows):
@@ -136,10 +129,7 @@ def times_beside(path: Path) -> Path:
 
 
 def write_kitti(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -> None:
-    """Write the localized poses as the twelve numbers of [R t], row by row, a line each; their times beside it.
-
-    T_map_sensor, in global coordinates: the first pose is not the origin, as in KITTI's own.
-    """
+    """Write the localized poses as [R t], row by row, in global coordinates, a line each; their times beside it."""
     found, times = _localized(rows), times_beside(path)
     matrices = [np.column_stack([pose.rotation, pose.position]).ravel().tolist() for _, pose in found]
     with atomic_file(times) as times_partial, atomic_file(path) as poses_partial:

@@ -33,10 +33,7 @@ _PLY_TYPES = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
 def export_map(
     map_: str | os.PathLike[str], out: str | os.PathLike[str], *, progress: Progress | None = None
 ) -> tuple[int, int]:
-    """Write a map as points in its CRS; return how many voxels and how many heights of the ground there are.
-
-    map_: folder or address. out: .laz, .las (1.4, point format 6, with normals, counts and changes as extra dimensions)
-    or .ply (binary). One tile is in memory at a time. An OptionError if the suffix is another.
+    """Write a map as points in its CRS, .laz, .las or .ply; return how many voxels and heights of the ground there are.
 
     A voxel has the mean, the mean normal (zeros where there is none) and the number of its map points; `change` is 0
     (known), 1 (gone) or 2 (new) by map updates. A height of the ground stands in the middle of its cell, with count 0.

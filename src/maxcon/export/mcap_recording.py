@@ -28,12 +28,7 @@ INFO, WARN = 20, 30  # levels of rcl_interfaces/msg/Log
 
 
 def write_mcap(path: Path, scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]) -> None:
-    """Write a drive, which has localized epochs, as topics of an MCAP file; each message has the time of its epoch.
-
-    /pose (PoseWithCovarianceStamped, in the frame `map`), /tf (`map` to `sensor`), /tf_static (`crs` to `map`), /status
-    (Log, of all epochs), if the CRS is known /fix (NavSatFix, heights as the map has them), and where there are any
-    /map (once) and /scan (PointCloud2). Needs the extra `recordings`.
-    """
+    """Write a drive, which has localized epochs, as topics of an MCAP file; each message has the time of its epoch."""
     write_recording(path, RecordingKind.MCAP, _entries(scene, rows, epochs))
 
 
@@ -82,7 +77,7 @@ def _transform(time: float, topic: str, parent: str, child: str, pose: Pose) -> 
     return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [content]})
 
 
-def _fix(row: PoseRow, z: float, lonlat: tuple[float, float]) -> Entry:
+def _fix(row: PoseRow, z: float, lonlat: list[float]) -> Entry:
     covariance = covariance_of(row)[:3, :3]
     content = {
         "header": header_of(row.time, SENSOR_FRAME), "status": dict(status=0, service=1), "latitude": lonlat[1],

@@ -27,11 +27,7 @@ MAX_SOURCES = 2**16
 def write_placed_scans(
     path: Path, rows: Sequence[PoseRow], scans: Scans, crs: str | None, min_range: float, max_range: float
 ) -> int:
-    """Write the points of all localized epochs in the map's frame, in a CRS if it is known; return how many they are.
-
-    LAS 1.4, point format 6: gps_time is the time of the epoch, or of the point where it is known, s as in the table;
-    point_source_id is the number of the epoch, counted on from 0 after 65,535. One epoch is in memory at a time.
-    """
+    """Write the points of all localized epochs in the map's frame, one epoch in memory; return how many they are."""
     epochs = [(row, scan_of_row(row, scans), row.pose) for row in rows if row.pose is not None]
     n_points = 0
     with las_writer(path, epochs[0][2].position, crs) as write:
@@ -47,10 +43,7 @@ def write_placed_scans(
 def las_writer(
     path: Path, origin: ArrayLike, crs: str | None, extra: Sequence[tuple[str, Any]] = ()
 ) -> Iterator[Callable[..., None]]:
-    """Yield what writes places, shape (n, 3), m, and their fields by name into a new LAZ or LAS 1.4, point format 6.
-
-    origin: somewhere near the points, m. extra: names and types of extra dimensions.
-    """
+    """Yield what writes places (n, 3), m, and their fields, also extra ones, into a LAZ or LAS 1.4, point format 6."""
     import laspy
     import pyproj
 

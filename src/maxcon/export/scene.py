@@ -86,12 +86,7 @@ class SceneEpoch:
 def epochs_of_rows(
     rows: Sequence[PoseRow], scans: Scans | None, *ranges: float, scored_in: PointMap | None = None
 ) -> Iterator[SceneEpoch]:
-    """Return an iterator over all rows, each with its scan, within two ranges (m), if it is localized.
-
-    scored_in: a map in which the cells around each prior are searched anew, as by default.
-
-    TrajectoryError, at once, if there is no scan of a localized row's time.
-    """
+    """Yield all rows, each with its scan within two ranges (m), and its cells, if there is a map to search them in."""
     numbers = [None if scans is None or row.pose is None else scan_of_row(row, scans) for row in rows]
 
     def shown(row: PoseRow, scan: int | None, number: int) -> SceneEpoch:
@@ -144,10 +139,7 @@ class Scene:
         return sorted({key for pose in local for key in self.point_map.keys_within(pose.x, pose.y, MAP_REACH)})
 
     def map_points(self, keys: Sequence[TileKey], n_tiles: int = 0) -> NDArray[np.float32]:
-        """Return the points of some tiles and of their ground in this frame, thinned, shape (n, 3), m.
-
-        n_tiles: that are shown in all, if more than these.
-        """
+        """Return points of some tiles, of so many shown in all, and of their ground in this frame, thinned."""
         if self.point_map is None or not keys:
             return NO_POINTS
         most = max(min(TILE_POINTS, MAP_POINTS // max(n_tiles, len(keys))), 1)

@@ -96,13 +96,7 @@ class RecordedPoses:
 def place_fixes(
     log: ReceiverLog, frame: GeographicFrame, geoid_height: float | None, label: str, *, are_sure: bool = False
 ) -> RecordedPoses:
-    """Return poses in the map's CRS, and what is to be said of them.
-
-    frame: of the map.
-    geoid_height: of the geoid above the ellipsoid, m.
-    label: where they come from, for messages.
-    are_sure: whether orientations are believed even if they are nothing like the course over ground.
-    """
+    """Return poses in the map's CRS; label: for messages, are_sure: orientations are not held against the course."""
     positions, words_of_heights = _positions(log, frame, geoid_height, label)
     courses = _courses(log.times, positions)
     imu = log.orientations

@@ -24,16 +24,13 @@ from maxcon.scan.trajectory import Trajectory
 class RawScan:
     """The points of one epoch as they stand in a file, without those that are no returns or out of range.
 
-    - points: shape (n, 3), float64; Sensor frame, m. May be empty.
-    - time: time of the scan, s.
-    - name: name of the file.
-    - n_returns: points in the file.
+    - points: shape (n, 3), float64; sensor frame, m. May be empty.
+    - time: time of the scan, s. name: of the file. n_returns: points in it.
     - n_dropped_invalid: points at (0, 0, 0) (no return) or with NaN or infinite coordinates.
     - n_dropped_range: points nearer than the smallest or farther than the largest range.
     - n_dropped_duplicates: points with the same coordinates as another; only those of recordings are checked.
-    - point_times: shape (n,); When each point was measured, s after `time`; None where that is not known.
-    - viewpoints: where each point was measured from, if there are several scanners; points are in the vehicle's frame
-      then.
+    - point_times: shape (n,); when each point was measured, s after `time`; None where that is not known.
+    - viewpoints: of several scanners, whose points are in the vehicle's frame: where each was measured from.
     """
 
     points: NDArray[np.float64]
@@ -91,10 +88,7 @@ def check_range(min_range: float, max_range: float) -> None:
 def scan_within(
     cloud: CloudPoints, stamp: float, time: float, name: str, min_range: float, max_range: float
 ) -> RawScan:
-    """Return the returns of a cloud within the range (m) as a scan at `time`; its own time is `stamp`, s.
-
-    Errors as of `check_range`.
-    """
+    """Return the returns of a cloud within the range (m) as a scan at `time`; its own time is `stamp`, s."""
     check_range(min_range, max_range)
     x, y, z = cloud.points.T
     with np.errstate(over="ignore"):
@@ -123,12 +117,9 @@ LONELY_GAP = 0.1  # where the first scanner has a single scan: largest distance 
 
 
 class DeskewedScans(Scans):
-    """Scans whose points have times, deskewed by a motion when they are read.
+    """Scans whose points have times, deskewed by a motion, T_fixed_sensor in any fixed frame, when they are read.
 
-    scans: as they were recorded.
-    motion: T_fixed_sensor in any fixed frame, on the clock of the scans.
-    max_gap: largest time between two of its poses to interpolate across, s.
-    turn_time: for scans whose points have no times: how long a turn of the scanner takes, s, clockwise seen from above,
+    turn_time: of scans whose points have no times: how long a turn of the scanner takes, s, clockwise seen from above,
         and negative for counter-clockwise. The time of a scan is that of the middle of its turn, which looks forward.
     """
 
@@ -141,10 +132,7 @@ class DeskewedScans(Scans):
         return self._scans.name(i)
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
-        """Return scan number `i`, deskewed; range limits apply to the ranges as measured.
-
-        FileError if it cannot be read, its points have no times, or the motion does not cover it.
-        """
+        """Return scan number `i`, deskewed; range limits apply to the ranges as measured."""
         raw = self._scans.read(i, min_range, max_range)
         offsets = raw.point_times
         if offsets is None and self._turn_time is not None:
@@ -162,12 +150,10 @@ class DeskewedScans(Scans):
 
 
 class MergedScans(Scans):
-    """Scans of several scanners, matched by their times, their points in the frame of the vehicle.
+    """Scans of several scanners at T_vehicle_sensor, matched by their times; points are in the vehicle's.
 
-    scanners: each scan of the first one is an epoch; of each other scanner the scan nearest in time is added, if it is
-        within half of the first one's usual interval.
-    poses: T_vehicle_sensor of each.
-    names: names of the scanners, for messages.
+    Each scan of the first one is an epoch; of the others the scan nearest in time is added, if it is within half
+    of the first one's usual interval.
     """
 
     def __init__(self, scanners: Sequence[Scans], poses: Sequence[Pose], names: Sequence[str]) -> None:
@@ -213,12 +199,7 @@ class MergedScans(Scans):
         )
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
-        """Return epoch number `i`, in the frame of the vehicle; ranges are those of each scanner.
-
-        Points without times of their own get the time of their scan, if scans of the epoch differ in time.
-
-        FileError if one of its scans is broken; OptionError if not 0 <= min_range < max_range.
-        """
+        """Return epoch number `i`, in the frame of the vehicle; ranges are those of each scanner."""
         time = float(self.times[i])
         numbers = np.flatnonzero(self._rows[i] >= 0)
         raws = [self.scanners[number].read(int(self._rows[i, number]), min_range, max_range) for number in numbers]

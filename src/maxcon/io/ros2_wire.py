@@ -60,10 +60,7 @@ def _packed(made: Any, data: bytes) -> Any:
 
 
 class Ros2Wire:
-    """A participant of DDS; needs the extra `ros2`.
-
-    domain: as ROS_DOMAIN_ID.
-    """
+    """A participant of DDS in a domain, as of ROS_DOMAIN_ID; needs the extra `ros2`."""
 
     def __init__(self, domain: int = 0) -> None:
         with needs_extra("cyclonedds", "to speak with ROS 2", "ros2"):
@@ -84,10 +81,7 @@ class Ros2Wire:
     def subscribe(
         self, topic: str, kind: str, tell: Callable[[Any], None], *, depth: int = DEPTH, is_latched: bool = False
     ) -> None:
-        """Have `listen` call `tell` with each message, decoded, of which so many are kept until then.
-
-        Best effort, as sensors publish; reliable, and with the last message of before, if latched.
-        """
+        """Have `listen` call `tell` with each message; latched ones come reliably, others by best effort."""
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
         from cyclonedds.sub import DataReader
 
@@ -99,10 +93,7 @@ class Ros2Wire:
         self._readers.append((reader, new, depth, Message(topic, kind, "cdr", 0, b""), tell))
 
     def publisher(self, topic: str, kind: str, *, is_latched: bool = False) -> Callable[[dict[str, Any]], None]:
-        """Return a function that publishes a message of nested values, from any thread.
-
-        Reliable, so that readers of both kinds match; if latched, those that come later get the last message, too.
-        """
+        """Return what publishes nested values, reliably, so that all readers match; latched: also to later ones."""
         from cyclonedds.pub import DataWriter
 
         made = self._topic(topic, kind)

@@ -49,10 +49,7 @@ def reading(file: Path, what: str) -> Iterator[None]:
 
 
 def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
-    """Yield each line of UTF-8 text with its number from 1, without blanks around it; empty lines are left out.
-
-    `what` the file should hold is for messages, e.g. "a trajectory". FileError if it cannot be read, or is not text.
-    """
+    """Yield each line of UTF-8 text that is not empty with its number from 1, stripped; `what` is for messages."""
     number = 0
     try:
         with reading(file, what), io.TextIOWrapper(open_regular(file), encoding="utf-8-sig") as stream:
@@ -129,10 +126,7 @@ class PoseTable:
         self.faults.setdefault(self.lines[row], f"{words} Correct or remove this line.")
 
     def good(self, arrays: Sequence[NDArray[np.float64]], *, may_leave_out: bool) -> list[NDArray[np.float64]]:
-        """Leave out rows with faults, also in arrays of a row each, which are returned.
-
-        TrajectoryError if there are faults but none `may_leave_out`, if most rows have one, or if no row is left.
-        """
+        """Leave out rows with faults, also in arrays of a row each, which come back; TrajectoryError if most are."""
         is_good = np.array([line not in self.faults for line in self.lines], dtype=bool)
         self.keep(is_good)
         if self.faults and (not may_leave_out or len(self.faults) > len(self.rows)):
@@ -198,10 +192,7 @@ class PoseTable:
 
 
 def read_pose_table(file: Path, what: str = "a trajectory", names: Sequence[str] = ()) -> PoseTable:
-    """Return a CSV table with a header, or one of given `names` with blanks between columns; `#` begins a comment.
-
-    `what` it should hold is for messages.
-    """
+    """Return a CSV table with a header, or one of given `names` with blanks between columns; `#` begins a comment."""
     table = PoseTable(file, list(names))
     for number, line in numbered_lines(file, what):
         try:

@@ -49,14 +49,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
 
 
 def read_poses_of_scans(path: str | os.PathLike[str], times: NDArray[np.float64]) -> Trajectory:
-    """Return the poses in `path` of scans at `times`, shape (n,), s.
-
-    path: as of `read_trajectory`; or `.txt` or `.kitti` with 12 numbers per line, the first three rows of T_map_sensor:
-        a pose for each scan, in their order.
-
-    Errors as of `read_trajectory`; TrajectoryError also if there are not as many poses as scans, a matrix is no
-    rotation, or the poses are those of a camera.
-    """
+    """Return the poses in a file of scans at `times`, shape (n,), s: of `read_trajectory`, or KITTI's, one per scan."""
     file = Path(path)
     is_kitti = file.suffix.lower() == ".kitti"
     if file.suffix.lower() == ".txt":
@@ -95,8 +88,7 @@ def read_poses_of_scans(path: str | os.PathLike[str], times: NDArray[np.float64]
 def read_prior(path: str | os.PathLike[str]) -> RecordedPoses:
     """Return the trajectory in `path` without the rows that are no poses: loggers end in the middle of a line.
 
-    Files and errors are those of `read_trajectory`; roll and pitch may be missing, and single rows are refused only
-    where most are no poses, or times do not increase.
+    Roll and pitch may be missing; TrajectoryError where most rows are no poses, or times do not increase.
     """
     return _read(Path(path), is_prior=True)
 
@@ -195,10 +187,7 @@ def _covariances(table: PoseTable, names: tuple[str, ...]) -> NDArray[np.float64
 
 
 def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, comment: str = "") -> None:
-    """Write `trajectory` as TUM text, with `comment` at the top; every number reads back as the same float64.
-
-    FileError if the file cannot be written; one that is there is replaced.
-    """
+    """Write `trajectory` as TUM text, with `comment` at the top; every number reads back as the same float64."""
     lines = [f"# {line}".rstrip() for line in comment.splitlines()] + ["# time_s x_m y_m z_m qx qy qz qw"]
     rows = zip(trajectory.times, trajectory.positions, trajectory.quaternions_xyzw, strict=True)
     lines += [" ".join(_numbers(time, position, quaternion)) for time, position, quaternion in rows]
@@ -206,11 +195,7 @@ def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, comment: str
 
 
 def write_csv(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
-    """Write `trajectory` as CSV: time, x, y, z, roll, pitch, heading in s, m, rad, and covariances if it has them.
-
-    Times and positions read back as the same float64. FileError if the file cannot be written; one that is there is
-    replaced.
-    """
+    """Write `trajectory` as CSV, with covariances if it has them; times and positions read back as the same float64."""
     covariances = trajectory.covariances
     lines = [",".join(CSV_COLUMNS if covariances is None else CSV_COLUMNS + COVARIANCE_COLUMNS)]
     for row, (time, angles) in enumerate(zip(trajectory.times, trajectory.angles, strict=True)):

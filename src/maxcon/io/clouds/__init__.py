@@ -11,9 +11,9 @@ from maxcon.errors import FileError
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader
 from maxcon.io.clouds.e57 import E57Reader
 from maxcon.io.clouds.las import LasReader
-from maxcon.io.clouds.npz import NpzReader
 from maxcon.io.clouds.pcd import PcdReader
 from maxcon.io.clouds.ply import PlyReader
+from maxcon.io.clouds.records import NpzReader
 from maxcon.io.clouds.xyz import XyzReader
 from maxcon.io.text import reading
 
@@ -31,10 +31,7 @@ CLOUD_SUFFIXES = tuple(_READERS)
 
 
 def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
-    """Return a reader of the point cloud in `path`; use it in a `with` block.
-
-    path: a file with suffix .las, .laz (also .copc.laz), .ply, .pcd, .npz, .e57, .xyz, .csv or .txt.
-    """
+    """Return a reader of the point cloud in a file, by its suffix (see `CLOUD_SUFFIXES`); use it in a `with` block."""
     file = Path(path)
     with reading(file, "a point-cloud file"):
         check_regular(file)

@@ -86,11 +86,7 @@ class CloudReader(ABC):
         """Yield the points as `chunks` does, and hold the file open only in between."""
 
     def chunks(self, max_points: int = 1_000_000, bounds: Bounds | None = None) -> Iterator[CloudChunk]:
-        """Return an iterator over the points in order, never holding more than one chunk.
-
-        max_points: most points of one chunk; a million take about 100 MB while they are read.
-        bounds: parts of the file known to hold no points there are left out (COPC); others come as a whole.
-        """
+        """Return an iterator over the points in order, one chunk in memory; of COPC without parts outside of bounds."""
         self._running.append(self._read(max_points, bounds))
         return self._running[-1]
 
@@ -104,10 +100,7 @@ class CloudReader(ABC):
 
 @contextmanager
 def as_file_error(file: Path, kind: str) -> Iterator[None]:
-    """Turn whatever a parser raises on a broken file (also the panics of compiled ones) into FileError.
-
-    `kind` is what the file should be, e.g. "a LAS or LAZ file". Readers raise ValueError with what they found instead.
-    """
+    """Turn whatever a parser raises on a broken file (also the panics of compiled ones) into FileError."""
     try:
         yield
     except (MaxconError, KeyboardInterrupt, SystemExit, GeneratorExit):

@@ -40,10 +40,7 @@ PROCESS = os.getpid()
 
 
 class LasReader(CloudReader):
-    """Points, classes and gps_time of a LAS or LAZ file, LAS 1.0 to 1.4, all point formats.
-
-    FileError if it is not LAS or LAZ, says 0 points, or is shorter or longer than its header says.
-    """
+    """Points, classes and gps_time of a LAS or LAZ file, LAS 1.0 to 1.4, all point formats."""
 
     def __init__(self, file: Path) -> None:
         import laspy
@@ -87,10 +84,7 @@ class LasReader(CloudReader):
     def records(
         self, max_points: int = 1_000_000, selection: "laspy.DecompressionSelection | None" = None
     ) -> Generator[Any]:
-        """Yield laspy's records of all points in order, at most `max_points` at a time, checked as in `chunks`.
-
-        `selection` are the fields of a LAZ file that are wanted; all if None.
-        """
+        """Yield laspy's records of all points in order; of a LAZ file only the fields of a `selection`, if any."""
         import laspy
 
         file, n_left = self.header.path, self.header.n_points

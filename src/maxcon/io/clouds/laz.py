@@ -58,12 +58,7 @@ def laz_as_os_error() -> Iterator[None]:
 
 
 def read_laz_chunks(stream: BinaryIO, start: int, record_length: int, n_points: int, laszip_record: bytes) -> LazChunks:
-    """Return the chunk table of an open file, checked; ValueError if it contradicts the LAS header or the bytes.
-
-    start, record_length, n_points: offset of the points, bytes of one that is not compressed, and how many there are,
-        as the LAS header says.
-    laszip_record: the LASzip record of the header.
-    """
+    """Return the chunk table of an open file; ValueError if it contradicts the LAS header or the bytes there."""
     import lazrs
 
     n_layers = _count_layers(laszip_record)

@@ -24,13 +24,7 @@ KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPO
 
 
 class PcdReader(RecordReader):
-    """Points of a PCD file of a map; with normals, classes and times where it has such fields.
-
-    Normals are normal_x, normal_y, normal_z; classes `classification`, `class` or `label`; times, of the trajectory's
-    clock, `gps_time`, `time` or `timestamp`. A compressed file, of at most 4 GiB by its format, is in memory as a
-    whole while it is read, others by pieces. FileError if the header is
-    broken or does not fit the file; MissingExtraError if points are compressed and the extra `pcd` is not installed.
-    """
+    """Points of a PCD file of a map; a compressed one is in memory while it is read, and needs the extra `pcd`."""
 
     kind = "a PCD file of points"
     normal_names = ("normal_x", "normal_y", "normal_z")

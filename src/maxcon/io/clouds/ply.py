@@ -22,12 +22,7 @@ LIST = "list"
 
 
 class PlyReader(RecordReader):
-    """Points of a PLY file; with normals, classes and times where it has such properties.
-
-    Normals are nx, ny, nz; classes `classification`, `class` or `label`; times `gps_time` or `time`; of these, whatever
-    their case, also as scalar fields of CloudCompare: `scalar_Classification`. Elements other than `vertex` are passed
-    over. FileError if it is not PLY, has no x, y, z, has lists in its vertices or before them, or is too short.
-    """
+    """Points of a PLY file; elements other than `vertex` are passed over; names are also CloudCompare's."""
 
     kind = "a PLY file of points"
     normal_names = ("nx", "ny", "nz")

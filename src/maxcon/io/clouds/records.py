@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Clouds of PLY and PCD: behind a header all points are rows of the same fields, as text or as bytes."""
+"""Clouds of rows of the same fields behind a header, as text or as bytes (PLY, PCD), or of an array each (NPZ)."""
 
 import io
 import math
+import zipfile
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Generator, Iterator, Mapping
@@ -20,11 +21,17 @@ from maxcon.io.clouds.base import (
     CloudHeader,
     CloudReader,
     as_file_error,
+    check_unpacked_size,
     cloud_chunk,
     rows_at_a_time,
 )
 from maxcon.io.point_records import coordinate_fields
-from maxcon.io.text import MAX_LINES, table_of, text_lines
+from maxcon.io.text import MAX_LINES, printable, table_of, text_lines
+
+ARRAYS = {"points": (3,), "normals": (3,), "classes": (), "times": ()}
+# Coordinates hardly compress; a large array that claims a higher ratio than this was made to exhaust memory.
+MAX_NPZ_RATIO = 100
+NPZ = "an NPZ archive of numpy.savez(path, points=...)"
 
 
 class RecordLayout(NamedTuple):
@@ -122,3 +129,51 @@ def _parsed(lines: list[str], n_rows: int, dtype: np.dtype[np.void]) -> dict[str
         columns[name] = table[:, at : at + math.prod(shape)].reshape(-1, *shape)
         at += math.prod(shape)
     return columns
+
+
+# --- NPZ ---------------------------------------------------------------------------------------------------------
+
+
+class NpzReader(CloudReader):
+    """Points of an archive of `numpy.savez`, in memory as they were written; nothing is unpickled."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        with as_file_error(file, NPZ):
+            self._arrays = _read_arrays(file)
+        has: dict[str, Any] = {f"has_{name}": name in self._arrays for name in ("normals", "classes", "times")}
+        self.header = CloudHeader(file, len(self._arrays["points"]), **has)
+
+    def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
+        with as_file_error(self.header.path, NPZ):
+            for start in range(0, self.header.n_points, max_points):
+                yield cloud_chunk(**{name: array[start : start + max_points] for name, array in self._arrays.items()})
+
+
+def _read_arrays(file: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an archive by their names, each with a row per point."""
+    with zipfile.ZipFile(file) as archive:
+        there = {info.filename.removesuffix(".npy") for info in archive.infolist()}
+        if "points" not in there:
+            raise ValueError(f"no array `points` among {printable(', '.join(sorted(there))) or 'none'}")
+        arrays = {name: _array(archive, name) for name in ARRAYS if name in there}
+    if len({len(array) for array in arrays.values()}) > 1 or not len(arrays["points"]):
+        counts = ", ".join(f"{len(array)} of `{name}`" for name, array in arrays.items())
+        raise ValueError(f"rows that are none, or not one per point: {counts}")
+    return arrays
+
+
+def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """One array; its header is held against the bytes that are there, which NumPy would allocate for it first."""
+    info = archive.getinfo(f"{name}.npy")
+    if name == "points":  # classes that are all alike do compress
+        check_unpacked_size(info.file_size, info.compress_size, MAX_NPZ_RATIO)
+    stream = io.BytesIO(archive.read(info))
+    version = np.lib.format.read_magic(stream)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, is_fortran, dtype = read_header(stream)
+    if dtype.kind not in "fiu" or dtype.itemsize > 8:
+        raise ValueError(f"`{name}` of {dtype}, no numbers: save .astype(float)")
+    if len(shape) != 1 + len(ARRAYS[name]) or shape[1:] != ARRAYS[name]:
+        raise ValueError(f"`{name}` of shape {shape}, not (n{', 3' if ARRAYS[name] else ','})")
+    return np.ndarray(shape, dtype, stream.getbuffer(), stream.tell(), order="F" if is_fortran else "C")

@@ -42,10 +42,8 @@ class _Layout(NamedTuple):
 class XyzReader(CloudReader):
     """Points of a text file; with classes and times where a header names such columns.
 
-    Columns are apart by commas, semicolons, tabs or blanks. A header names them x, y, z (or easting, northing,
-    height), classification, gps_time; without one the first three are x, y, z. A first line with the number of points
-    is passed over, and so are lines that begin with # or //, unless they are the header. FileError if it is no such
-    file, or holds no points.
+    Without a header the first three columns are x, y, z. A first line with the number of points is passed over, and so
+    are lines that begin with # or //, unless they are the header.
     """
 
     def __init__(self, file: Path) -> None:

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, needs_extra
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.point_records import CloudPoints, decode_points, decode_times, records_of_message
-from maxcon.io.point_times import PointTimes
+from maxcon.io.point_records import CloudPoints, PointTimes, decode_points, decode_times, records_of_message
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
 from maxcon.io.recordings.recording import Message, Recording, Topic, choose_topic, decode_message, frame_of, stamp_of
 from maxcon.io.text import printable
@@ -59,11 +58,7 @@ class RecordedCloud:
 
 
 def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> CloudSource:
-    """Return the clouds of a recording or capture; none is read yet.
-
-    FileError if there is no recording, it is broken, it has no clouds, or several and none is asked for;
-    MissingExtraError if an extra is not installed.
-    """
+    """Return the clouds of a recording or capture; none is read yet."""
     if Path(path).suffix.lower() == CAPTURE_SUFFIX and topic is None:
         return VelodyneCapture(existing_file(path))
     recording = open_recording(path)
@@ -81,10 +76,7 @@ def topic_of_clouds(recording: Recording, name: str | None) -> Topic:
 
 
 class TopicOfClouds:
-    """The clouds of one topic.
-
-    n_passed_over: clouds to read on up to a later one, rather than to read from that one's time on.
-    """
+    """The clouds of one topic."""
 
     n_passed_over = 10
 
@@ -134,11 +126,10 @@ class _Turn(NamedTuple):
 
 
 class VelodyneCapture:
-    """The packets of one Velodyne scanner, as `TopicOfClouds`; each cloud is one turn.
+    """The packets of one Velodyne scanner, as `TopicOfClouds`; each cloud is one turn, found by the first pass.
 
-    The first pass through the file finds where the packets of each turn are; later ones read only the turns they want.
     Times are those at which packets were captured: the scanner's own clock counts from the full hour, and is set only
-    where a GNSS receiver is connected. FileError if it is no capture, or one of other packets.
+    where a GNSS receiver is connected.
     """
 
     n_passed_over = 1

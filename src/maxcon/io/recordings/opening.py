@@ -45,10 +45,7 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
-    """Open a .bag (ROS 1), a .mcap, a .db3, or the folder of a ROS 2 bag; its index is read, no message.
-
-    FileError if there is none, or it is broken; MissingExtraError if the extra `recordings` is not installed.
-    """
+    """Open a .bag (ROS 1), a .mcap, a .db3, or the folder of a ROS 2 bag; its index is read, no message."""
     place = Path(path)
     suffix = place.suffix.lower()
     if os.path.lexists(place) and (suffix == CAPTURE_SUFFIX or not is_recording(place)):

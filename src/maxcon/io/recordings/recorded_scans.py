@@ -32,12 +32,7 @@ class _Index(NamedTuple):
 
 
 class RecordedScans(Scans):
-    """The scans of a recording; their times are found by one pass through it, when they are first asked for.
-
-    source: where the clouds come from.
-    at_stamp: whether the time of a scan is that of its message. Else it is the middle between its first and its last
-        point, where points have times.
-    """
+    """The scans of a recording; their times are found by one pass through it, when they are first asked for."""
 
     def __init__(self, source: CloudSource, *, at_stamp: bool = False) -> None:
         self.source = source

@@ -70,10 +70,7 @@ class Recording(ABC):
         """Yield the messages of some topics recorded at `start` (ns) or later."""
 
     def messages(self, topics: Collection[str], start: int = 0) -> Iterator[Message]:
-        """Yield the messages of some topics recorded at `start` (ns) or later, one in memory at a time.
-
-        They come by time of recording where the file allows; which come after which does not depend on `start`.
-        """
+        """Yield the messages of some topics recorded at `start` (ns) or later; by time where the file allows."""
         with as_file_error(self.path, self.kind):
             yield from self._read(topics, start)
 
@@ -101,8 +98,6 @@ def choose_topic(
     otherwise: Callable[[], str],
 ) -> Topic:
     """Return the topic asked for, or the only one of some kinds, or of several the only one of the preferred kind.
-
-    OptionError if the one asked for is not there or of another kind, FileError if there is none, or several.
 
     what, option, otherwise: for messages: what is wanted, the option that names a topic, and what to do without any.
     """
@@ -236,10 +231,7 @@ def write_recording(path: Path, kind: RecordingKind, entries: Iterable[Entry]) -
 
 
 def write_bag(bag: Any, store: Any, serialize: Callable[[Any, str], Any], entries: Iterable[Entry]) -> None:
-    """Write messages into a bag opened by rosbags; `serialize` is the method of the store of types that encodes.
-
-    The header of a message is that of a sensor at its time, unless it has one.
-    """
+    """Write messages into a bag of rosbags, encoded by `serialize`; those without a header get that of a sensor."""
     connections: dict[str, Any] = {}
     for entry in entries:
         if entry.topic not in connections:

@@ -109,9 +109,7 @@ class TransformTree:
         """Return T_fixed_moving over time, and the path between the two frames in words.
 
         Its poses are at the times of all moving links together, as far as all of them reach; between two transforms
-        positions are linear, and turns take the shortest arc. An error of the package if a frame is not there, the two
-        are not connected, a frame between them has several parents, nothing between them moves, or only at different
-        times.
+        positions are linear, and turns take the shortest arc.
         """
         steps = self._path(fixed, moving)
         moved = [step.link.table() for step in steps if not step.link.is_static]
