@@ -3,24 +3,12 @@
 """Tables of poses, and maps, in the formats of other programs; the suffix says which."""
 
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from maxcon.errors import CrsError, OptionError, TrajectoryError
-from maxcon.export.formats import (
-    times_beside,
-    write_degrees,
-    write_geojson,
-    write_geopackage,
-    write_kitti,
-    write_kml,
-    write_tum_rows,
-)
-from maxcon.export.map_points import MAP_SUFFIXES, export_map
 from maxcon.export.mcap_recording import write_mcap
-from maxcon.export.placed_scans import SCAN_SUFFIXES, write_placed_scans
-from maxcon.export.pose_rows import PARQUET, PoseRow, read_rows
+from maxcon.export.points import MAP_SUFFIXES, SCAN_SUFFIXES, export_map, write_placed_scans
+from maxcon.export.pose_rows import NEEDING_CRS, PARQUET, WRITERS, PoseRow, read_rows, times_beside
 from maxcon.export.scene import RERUN_SUFFIX, Scene, epochs_of_rows, with_rerun
 from maxcon.io.scans import Scans
 from maxcon.map import PointMap
@@ -30,13 +18,8 @@ __all__ = [
     "export_map", "export_poses", "export_scans", "files_of_export", "read_rows",
 ]  # fmt: skip
 
-_WRITERS: dict[str, Callable[[Path, list[PoseRow], Any], None]] = {
-    ".geojson": write_geojson, ".gpkg": write_geopackage, ".kml": write_kml,
-    ".csv": write_degrees, ".tum": write_tum_rows, ".kitti": write_kitti,
-}  # fmt: skip
-_NEEDING_CRS = (".geojson", ".gpkg", ".kml")
 SCENE_SUFFIXES = (".mcap", RERUN_SUFFIX)  # of drives in a map, for viewers
-EXPORT_SUFFIXES = (*_WRITERS, *SCENE_SUFFIXES)
+EXPORT_SUFFIXES = (*WRITERS, *SCENE_SUFFIXES)
 
 
 def files_of_export(out: str | os.PathLike[str]) -> tuple[Path, ...]:
@@ -58,13 +41,13 @@ def export_poses(
     """
     path, suffix = Path(out), Path(out).suffix.lower()
     rows, crs = _rows_to_export(table, suffix, EXPORT_SUFFIXES, crs)
-    if suffix in _NEEDING_CRS and crs is None:
+    if suffix in NEEDING_CRS and crs is None:
         raise CrsError(
             f"Expected a CRS for {suffix}, got none from the table, a map or --crs. Give --crs; a map without one gets"
             " its coordinates by `maxcon map georeference`."
         )
-    if suffix in _WRITERS:
-        _WRITERS[suffix](path, rows, crs)
+    if suffix in WRITERS:
+        WRITERS[suffix](path, rows, crs)
         return rows
     first = next(row.pose for row in rows if row.pose is not None)
     scene = Scene.near(first.position, crs, point_map)

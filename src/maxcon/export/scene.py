@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maxcon.drive.localize import EpochEstimate, scan_of
 from maxcon.drive.poses_table import FORMATS, SHIFTS, UNKNOWNS, pose_values
 from maxcon.errors import needs_extra
-from maxcon.export.placed_scans import scan_of_row
+from maxcon.export.points import scan_of_row
 from maxcon.export.pose_rows import PoseRow
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.scans import Scans
