@@ -53,20 +53,15 @@ class Job(Protocol[TaskT, ResultT_co]):
 
 
 Run = Callable[[Job[Any, Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
-"""Runs a job."""
 
 
 @dataclass(frozen=True)
 class Engine:
     """Where tasks are done. The results are the same wherever, but for the order they come in."""
 
-    # Processes on this machine; with one, all is done in this process. As many as there are processors if None.
-    n_workers: int | None = None
-    # Address of a dask scheduler, as tcp://HOST:8786, instead: its workers do the tasks. All that they need must have
-    # the same paths for them.
-    scheduler: str | None = None
-    # Called with a line for the user: what is waited for
-    warn: Callable[[str], None] | None = field(default=None, compare=False)
+    n_workers: int | None = None  # processes on this machine, as many as processors if None; 1: this process
+    scheduler: str | None = None  # address of a dask scheduler instead; for its workers all paths must be the same
+    warn: Callable[[str], None] | None = field(default=None, compare=False)  # of what is waited for
 
     def __post_init__(self) -> None:
         if self.n_workers is not None and (self.scheduler is not None or self.n_workers < 1):
@@ -114,9 +109,6 @@ class Engine:
             started = joined_cluster(str(self.scheduler), close_jobs, self.warn)
         with started as workers:
             yield lambda job, tasks: _results(workers, job, tasks)
-
-
-# --- one job --------------------------------------------------------------------------------------------------
 
 
 def _here(job: Job[TaskT, ResultT], tasks: Iterable[TaskT]) -> Iterator[tuple[TaskT, ResultT]]:
@@ -176,10 +168,7 @@ def _gone(what: str) -> MaxconError:
     return MaxconError(f"Expected the workers to live on, but {what}. What is done is kept: the same command goes on.")
 
 
-# --- a job in a worker ----------------------------------------------------------------------------------------
-
-# What is opened is used by one thread at a time, however many threads a worker was started with.
-_one_at_a_time = threading.Lock()
+_one_at_a_time = threading.Lock()  # opened jobs are used by one thread, however many a worker was started with
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,9 +202,6 @@ def _opened(opening: Opening) -> Callable[[Any], Any]:
             " everywhere."
         )
     return opening.job.open()
-
-
-# --- processes of this machine --------------------------------------------------------------------------------
 
 
 class Processes:
@@ -273,9 +259,6 @@ def _begin_worker() -> None:
             os._exit(1)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-# --- in order -------------------------------------------------------------------------------------------------
 
 
 def in_threads(work: Callable[[TaskT], ResultT], items: Iterable[TaskT], n_threads: int) -> Iterator[ResultT]:

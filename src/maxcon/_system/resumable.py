@@ -37,9 +37,6 @@ def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Itera
         yield
 
 
-# --- the same work? -------------------------------------------------------------------------------------------
-
-
 def describe(value: Any) -> Any:
     """Describe an object as JSON can hold it: the name of its class and its public fields, recursively."""
     if isinstance(value, Enum | np.generic):
@@ -89,9 +86,6 @@ def differences(before: Any, now: Any, where: str = "") -> str:
         return f"{where or 'it'} {before}, got {now}"
     keys = [key for key in {**before, **now} if before.get(key) != now.get(key)]
     return "; ".join(differences(before.get(key), now.get(key), f"{where}.{key}".strip(".")) for key in keys)
-
-
-# --- a table --------------------------------------------------------------------------------------------------
 
 
 class ResumableTable:

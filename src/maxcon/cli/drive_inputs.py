@@ -186,9 +186,6 @@ def _done(opened: OpenedDrive, engine: Engine, tasks: list[DriveTask]) -> Iterat
         yield from ((epoch.epoch, epoch) for epoch in found)
 
 
-# --- scans, prior, odometry -----------------------------------------------------------------------------------
-
-
 def frame_of(scans: Scans, mounting: Mounting | None) -> str:
     """Return the name of the scanner's frame, if a recording has to tell where it is on the vehicle; else nothing."""
     return scans.source.frame if mounting is None and isinstance(scans, RecordedScans) else ""
@@ -265,9 +262,6 @@ def _odometry(
         )
         trajectory, words = poses.trajectory, f"odometry: {poses.words}"
     return trajectory if mounting is None else mounting.of_odometry(trajectory), words
-
-
-# --- where to search -------------------------------------------------------------------------------------------
 
 
 def _fixed_space(given: SpaceOptions) -> SearchSpace:

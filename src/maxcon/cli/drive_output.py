@@ -45,9 +45,6 @@ PAGES = (".html", ".htm")
 N_PICTURES = 10  # pictures drawn when none are asked for by number, evenly over the drive
 
 
-# --- before the work -------------------------------------------------------------------------------------------
-
-
 def check_outputs(
     out: Path, table: TableOptions, *, prior: Path | None = None, plot: Path | None = None, report: Path | None = None
 ) -> None:
@@ -94,9 +91,6 @@ def parse_epochs(text: str | None, n_epochs: int) -> frozenset[int]:
             )
         numbers.update(range(int(first), int(last) + 1))
     return frozenset(numbers)
-
-
-# --- while epochs come -----------------------------------------------------------------------------------------
 
 
 def drawer(drive: OpenedDrive, folder: Path, wanted: frozenset[int]) -> Callable[[EpochEstimate], None]:
@@ -327,9 +321,6 @@ def printed(drive: Iterator[EpochEstimate]) -> Iterator[EpochEstimate]:
             words = f"x {pose.x:.3f} y {pose.y:.3f} z {pose.z:.3f} m, heading {math.degrees(pose.heading):.2f} degrees"
         typer.echo(f"{epoch.raw.name}: {epoch.status.value}{'; ' if words else ''}{words}")
         yield epoch.without_points()
-
-
-# --- many drives -----------------------------------------------------------------------------------------------
 
 
 def localize_many(

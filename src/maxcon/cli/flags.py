@@ -14,11 +14,10 @@ from typer.core import TyperCommand
 
 from maxcon.errors import OptionError
 
-TITLES = (
+TITLES = (  # in the order of the help; options without a title stand under the last
     "Arguments", "Inputs", "Scans instead of clouds", "Recordings and scanners", "Passes", "Classes", "Method",
     "Search space", "Motion", "Certainty", "Output", "How it is done", "Map", "Options",
 )  # fmt: skip
-"""Titles in the help, in this order; options without a title stand under the last."""
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from maxcon.lab.study import MethodStatistics, Study
 
 
-# --- simulate --------------------------------------------------------------------------------------------------
-
-
 class Simulated(OptionGroup):
     """What is simulated."""
 
@@ -88,9 +85,6 @@ def _print_parts(dataset: "Dataset") -> None:
     print_rows((name, str(part)) for name, part in parts.items() if part is not None)
 
 
-# --- demo ------------------------------------------------------------------------------------------------------
-
-
 class DemoOptions(OptionGroup):
     """What the demo makes."""
 
@@ -149,9 +143,6 @@ def _print_demo(results: "DemoResults") -> None:
     Console().print(near)
     Console().print("", wide)
     Console(soft_wrap=True).print(results.wide_words, markup=False, highlight=False)
-
-
-# --- study and report ------------------------------------------------------------------------------------------
 
 
 class StudyOptions(OptionGroup, title="Inputs"):

@@ -29,8 +29,6 @@ from maxcon.cli.terminal import warn
 from maxcon.cli.viewing import ScoresOptions, ViewOptions
 from maxcon.errors import OptionError
 
-# --- localize --------------------------------------------------------------------------------------------------
-
 
 class DriveFiles(OptionGroup, title="Inputs"):
     """The files of a drive, or the table of many."""
@@ -173,9 +171,6 @@ def _absolute(path: Path | None) -> Path | None:
     from maxcon.map.storage import address_of
 
     return path if path is None or address_of(path) else path.absolute()
-
-
-# --- relocalize ------------------------------------------------------------------------------------------------
 
 
 class ScanFiles(OptionGroup, title="Recordings and scanners"):

@@ -21,9 +21,6 @@ MOST_PAIRS = 15  # in the printed table; residuals.csv has all
 MOST_SOURCES = 20
 
 
-# --- a map -----------------------------------------------------------------------------------------------------
-
-
 def print_manifest(manifest: Manifest) -> None:
     """Say what a map is made of."""
     edge, keys, build = TILE_VOXELS * manifest.cell, manifest.tiles.rows["key"], manifest.build
@@ -162,9 +159,6 @@ def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
         else "no ASPRS classes: ground, vegetation and vehicles were not dropped",
     ]  # fmt: skip
     return "; ".join(filter(None, parts))
-
-
-# --- an alignment ----------------------------------------------------------------------------------------------
 
 
 def print_alignment(found: Alignment) -> None:

@@ -28,9 +28,6 @@ app = typer.Typer(
 )
 
 
-# --- update ----------------------------------------------------------------------------------------------------
-
-
 class UpdateFiles(OptionGroup):
     """The map, the drives, and what it takes to see a change."""
 
@@ -65,9 +62,6 @@ def update(files: UpdateFiles, ranges: RangeOptions, quiet: Quiet = False) -> No
         manifest = update_map(files.map_folder, drives, files.out, options, overwrite=files.overwrite, progress=report)
     typer.echo(f"{files.out}")
     print_rows(rows_of_updates(manifest.build.get("updates", [])))
-
-
-# --- build -----------------------------------------------------------------------------------------------------
 
 
 class CloudOptions(OptionGroup, title="Inputs"):
@@ -207,9 +201,6 @@ def build(
     print_manifest(manifest)
 
 
-# --- align -----------------------------------------------------------------------------------------------------
-
-
 class PassFiles(OptionGroup, title="Inputs"):
     """The clouds of all passes, and what is known of them."""
 
@@ -276,9 +267,6 @@ def align(files: PassFiles, passes: PassOptions, worker: PlaceThreads, quiet: Qu
 
 
 app.command(short_help="Give a map its coordinates: by a receiver, or control points.")(georeference)
-
-
-# --- info, copy, export ----------------------------------------------------------------------------------------
 
 
 class MapToTell(OptionGroup):

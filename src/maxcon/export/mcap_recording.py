@@ -22,8 +22,7 @@ from maxcon.io.recordings.recording import (
     write_recording,
 )
 
-CRS_FRAME, MAP_FRAME, SENSOR_FRAME = "crs", "map", "sensor"
-"""Names of the frames: that of the CRS, a local one near the drive, in which viewers can draw, and the scanner's."""
+CRS_FRAME, MAP_FRAME, SENSOR_FRAME = "crs", "map", "sensor"  # "map" is near the drive: viewers can draw in it
 INFO, WARN = 20, 30  # levels of rcl_interfaces/msg/Log
 
 

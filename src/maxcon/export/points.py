@@ -31,8 +31,7 @@ RESOLUTION = 0.001  # of the stored coordinates, m
 SAME_TIME = 1e-3
 MAX_SOURCES = 2**16
 MAP_SUFFIXES = (".laz", ".las", ".ply")
-UNCLASSIFIED, GROUND_CLASS = 1, 2
-"""ASPRS classes of voxels and of the ground: a map does not keep the classes of its clouds."""
+UNCLASSIFIED, GROUND_CLASS = 1, 2  # ASPRS classes of voxels and of the ground: a map does not keep those of clouds
 POINT = np.dtype([
     ("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4"), ("count", "<i4"),
     ("class", "u1"), ("change", "u1"),
@@ -94,9 +93,6 @@ def scan_of_row(row: PoseRow, scans: Scans) -> int:
             " the scans that the table was made of."
         )
     return number
-
-
-# --- a map -------------------------------------------------------------------------------------------------------
 
 
 def export_map(

@@ -39,11 +39,9 @@ class PoseRow:
 
     time: float  # s
     pose: Pose | None  # global coordinates; None unless localized
-    # status, reason: in words
     status: str
     reason: str
-    # All other numbers by the names of their columns, those that are there
-    numbers: dict[str, float]
+    numbers: dict[str, float]  # all others that are there, by the names of their columns
     scan: str = ""  # its name
     crs: str = ""  # of the pose
 
@@ -128,9 +126,6 @@ def _row(label: str, cells: dict[str, Any]) -> PoseRow:
         raise ValueError(f"in {label}: a part of a pose")
     status, reason, *names = words
     return PoseRow(numbers.pop("time"), Pose(*unknowns) if unknowns else None, status, reason, numbers, *names)
-
-
-# --- formats of other programs -----------------------------------------------------------------------------------
 
 
 def _localized(rows: Sequence[PoseRow]) -> list[tuple[PoseRow, Pose]]:
@@ -255,5 +250,4 @@ WRITERS: dict[str, Callable[[Path, list[PoseRow], Any], None]] = {
     ".geojson": write_geojson, ".gpkg": write_geopackage, ".kml": write_kml,
     ".csv": write_degrees, ".tum": write_tum_rows, ".kitti": write_kitti,
 }  # fmt: skip
-"""What writes rows into a file of a suffix, given the CRS, which the latter three do not use."""
 NEEDING_CRS = (".geojson", ".gpkg", ".kml")

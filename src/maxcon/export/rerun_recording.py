@@ -32,7 +32,7 @@ EPOCH, STAMP = "epoch", "stamp"  # time lines: numbers of the scans, and their t
 UNIX = 1e8  # times above are seconds since 1970, shown as dates; smaller ones count from somewhere else, s
 PRIOR_COLOR, ANSWER_COLOR, NO_ANSWER_COLOR = (230, 120, 30), (70, 150, 255), (204, 121, 167)  # on black
 SCORE_COLORS = [(13, 8, 135), (126, 3, 168), (204, 71, 120), (248, 149, 64), (240, 249, 33)]
-"""Colours from the score 0 to the highest of an epoch, on a scale of its root: those of `--plot`, in even steps."""
+"""Colours from the score 0 to the highest of an epoch, in even steps of its root: those of `--plot`."""
 SCORES_NAME = "scores_of_cells"
 ENLARGED = 100
 ELLIPSE_NAME = f"ellipse_of_95_percent_{ENLARGED}_times_as_large"

@@ -24,12 +24,9 @@ from maxcon.map.layout import TileKey
 from maxcon.scan import Scan
 
 ROUND = 100.0  # the frame's origin is a multiple of this, m
-MAP_REACH, MAP_VOXEL = 40.0, 0.25
-"""Tiles within this of a pose are shown, along x and y, m; a point for each voxel of about this edge, m."""
-MAP_POINTS, TILE_POINTS, SCAN_POINTS = 1_000_000, 10_000, 5_000
-"""Most points of the map at once, of a tile of it, and of a scan."""
-ELLIPSE = math.sqrt(5.991)
-"""Semi-axes of an ellipse that holds 95 % of x and y, over the standard deviations along them."""
+MAP_REACH, MAP_VOXEL = 40.0, 0.25  # tiles so near to a pose are shown, with a point for each voxel of this edge, m
+MAP_POINTS, TILE_POINTS, SCAN_POINTS = 1_000_000, 10_000, 5_000  # most points at once
+ELLIPSE = math.sqrt(5.991)  # semi-axes of an ellipse that holds 95 % of x and y, in standard deviations
 RERUN_SUFFIX = ".rrd"
 NO_POINTS: NDArray[np.float32] = np.empty((0, 3), np.float32)
 

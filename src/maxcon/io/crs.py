@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import CrsError
 
-NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0
-"""Of surveys, from the middle of the earth, m: from under the sea at the poles to aircraft above the equator."""
+NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0  # of surveys from the middle of the earth, m: undersea to aircraft
 MARKS = 21  # points on each side of a rectangle that are transformed to find one around it
 LARGEST_INEXACTNESS = 0.05  # m: a transformation that is less exact is worth a warning
 MOVING = ("helmert", "molodensky", "molobadekas", "shift", "deformation")  # in the names of PROJ's steps

@@ -29,12 +29,9 @@ from maxcon.io.fixes import Heights, Orientations, ReceiverLog, RecordedPoses, c
 from maxcon.io.text import UNCLEAR_HEADINGS, PoseTable, numbered_lines, parse_float, read_pose_table, reading
 from maxcon.scan.trajectory import Trajectory, first_fault
 
-HEIGHT_COLUMNS = {
-    "ellipsoidal_height": Heights.ELLIPSOIDAL,
-    "orthometric_height": Heights.ORTHOMETRIC,
-    "height": Heights.ELLIPSOIDAL,
-}
-"""What each name means; the first that is there counts."""
+HEIGHT_COLUMNS = {  # the first that is there counts
+    "ellipsoidal_height": Heights.ELLIPSOIDAL, "orthometric_height": Heights.ORTHOMETRIC, "height": Heights.ELLIPSOIDAL,
+}  # fmt: skip
 UNCLEAR_HEIGHTS = ("altitude", "alt", "elevation", "z", "h")
 SIGMAS = (("sigma_east", "sigma_north"), ("sigma_x", "sigma_y"))
 NMEA_SUFFIXES = (".nmea", ".log")
@@ -148,9 +145,6 @@ def _orientations(
         return None
     quaternions = quaternions_from_angles(*np.nan_to_num(angles[is_known]).T)
     return Orientations(name, Trajectory(times[is_known], np.zeros((is_known.sum(), 3)), quaternions), sigmas[is_known])
-
-
-# --- NMEA --------------------------------------------------------------------------------------------------------
 
 
 def is_nmea(file: Path) -> bool:

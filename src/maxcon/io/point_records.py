@@ -12,33 +12,24 @@ from numpy.typing import NDArray
 
 from maxcon.io.text import printable
 
-FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""Kinds of numbers by their code in sensor_msgs/PointField."""
+FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # by codes of PointField
 RINGS = ("ring", "channel", "laser_id", "line", "laser_number")  # names under which drivers store the layer of a point
 MAX_POINTS, MAX_BYTES = 50_000_000, 2**20  # of a cloud, of one point: NumPy counts the bytes of a record in 32 bits
 MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
-"""Odd factors by which the bits of x, y and z are hashed."""
 PAIRS = (("time_sec", "time_nsec"), ("sec", "nsec"), ("timestampsec", "timestampnsec"))
-"""Fields that hold seconds, and the nanoseconds to add."""
 NAMES = ("timestamp", "time_stamp", "timestamps", "time", "times", "t", "offset_time", "time_offset", "t_offset")
-"""Fields that hold a time, in small letters; the first of these that is there is taken."""
 TIME_FIELDS = frozenset([*NAMES, *(name for pair in PAIRS for name in pair)])  # all of these, in small letters
 UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # nanoseconds of each unit
 UNIT_WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
-LONGEST, SHORTEST = 2 * 10**9, 10**6
-"""Between the first and the last point of a scan, ns: some scanners turn once in a second, some drivers pass on every
-packet, of about a millisecond."""
-SAME_CLOCK = 60 * 10**9
-"""Absolute times nearer to the message's, ns, are on its clock; a scanner's own may be off by seconds."""
+LONGEST, SHORTEST = 2 * 10**9, 10**6  # a scan, ns: some scanners turn once in a second, some drivers send each packet
+SAME_CLOCK = 60 * 10**9  # absolute times nearer to the message's, ns, are on its clock; a scanner's may be seconds off
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointTimes:
     """When the points of a scan were measured."""
 
-    # Shape (n,), float64, or None; from the time of the message to that of each point, s; None where no field tells, or
-    # its values make no sense
-    offsets: NDArray[np.float64] | None
+    offsets: NDArray[np.float64] | None  # (n,), s after the time of the message; None where no field makes sense
     kind: str  # field, unit and reference of the times, without figures: usually the same for all scans of a recording
     words: str  # the same with the figures of this scan that speak for it
 
@@ -56,11 +47,9 @@ class CloudPoints(NamedTuple):
     points: NDArray[np.float64]  # shape (n, 3), float64; sensor frame, m
     times: PointTimes  # when each was measured, and how its field of times was understood
     rings: NDArray[np.int64] | None  # shape (n,), or None; layer of the scanner, where the cloud says
-    # n_points, n_invalid, n_duplicates: points in the record; those at (0, 0, 0) or with coordinates that are not
-    # finite; of the others those with the same coordinates as one before them
-    n_points: int
-    n_invalid: int
-    n_duplicates: int
+    n_points: int  # in the record
+    n_invalid: int  # at (0, 0, 0), or not finite
+    n_duplicates: int  # of the others: at the place of one before them
     fields: str = ""  # names and types of all fields of a point, where the cloud tells them
 
 
@@ -202,9 +191,6 @@ def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] 
         order = np.unique(np.stack(whole, axis=1), axis=0, return_index=True)[1]
         return np.sort(order)
     return np.sort(order[~is_same])
-
-
-# --- when each point was measured --------------------------------------------------------------------------------
 
 
 def find_point_times(columns: Mapping[str, NDArray[np.generic]], stamp: int) -> PointTimes:

@@ -38,17 +38,13 @@ from maxcon.scan import Scan
 
 __all__ = ["RawScan", "ScanFolder", "Scans", "check_range", "describe", "open_scan_folder", "open_scans"]
 
-# The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
-# over a gigabyte (about 200 bytes a point) to localize.
-MAX_SCAN_POINTS = 5_000_000
+MAX_SCAN_POINTS = 5_000_000  # more is a map in the wrong place, and would take over a gigabyte to localize
 LEAST, MOST = 1e-9, 1e9  # m; float64 read as float32 has many numbers beyond
-BLOCK, N_BLOCKS = 12, 400
-"""Floats that are whole points of three and of four numbers, and how many such blocks are compared."""
+BLOCK, N_BLOCKS = 12, 400  # floats that are whole points of three and of four numbers, and how many are compared
 LEAST_DIFFERENCE = 0.1
 """Between the distributions of x, y, z and reflectance in a file that is read with the right count of numbers. On 149
 real scans it is 0.41 to 1.0, and at most 0.02 with a wrong count: every column then holds x, y and z in turn."""
-# Unix times since 2001: digits of an integer name, and how many of its units make a second.
-UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}
+UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}  # of Unix times since 2001 as names: how many make a second
 ADVICE = "Write a times.txt with one time in seconds per scan, in the order of the names."
 N_SCANS = 10  # scans of each scanner that are read for it
 FARTHEST_MEDIAN = 500.0  # m; no scanner of vehicles sees half of its points farther away
@@ -236,9 +232,6 @@ def _times_from_names(paths: tuple[Path, ...]) -> NDArray[np.float64]:
             f" {second.name}. {ADVICE}"
         )
     return times
-
-
-# --- what is in them -------------------------------------------------------------------------------------------
 
 
 class RecordingDescription(NamedTuple):

@@ -18,19 +18,15 @@ from numpy.typing import NDArray
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError, TrajectoryError
 
-# A pose is about 150 characters; a longer line is another kind of file.
-MAX_LINE = 10_000
-# A row of a cloud may have hundreds of numbers.
-MAX_ROW = 100_000
-# Lines of text are heavier in memory than their numbers: a quarter of a million take about 100 MB.
-MAX_LINES = 250_000
+MAX_LINE = 10_000  # a pose is about 150 characters; a longer line is another kind of file
+MAX_ROW = 100_000  # a row of a cloud may have hundreds of numbers
+MAX_LINES = 250_000  # lines of text are heavier in memory than their numbers: these take about 100 MB
 
 SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 ANGLES = ("roll", "pitch", "heading", "azimuth", "sigma_heading")  # in rad, or in degrees as NAME_deg
 OTHER_NAMES = {"time": "timestamp"}
-UNCLEAR_HEADINGS = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")
-"""Headings of other programs: some count from the north, or clockwise."""
+UNCLEAR_HEADINGS = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")  # may count from north, or clockwise
 
 
 def printable(text: str) -> str:

@@ -20,9 +20,7 @@ from maxcon.scan.trajectory import Trajectory, first_fault
 
 TUM_COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
 KITTI_COLUMNS = tuple(f"{part}{row}" for row in (1, 2, 3) for part in ("r1", "r2", "r3", "t"))
-"""The first three rows of a pose's matrix, 4 x 4."""
-MOST_ALONG_Z = 0.8
-"""Where more of the way than this lies along the sensor's own z axis, it is the optical axis of a camera."""
+MOST_ALONG_Z = 0.8  # where more of the way lies along the sensor's own z axis, it is the optical axis of a camera
 CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
 ROTATION_TOLERANCE = 1e-2
 COVARIANCE_COLUMNS = (

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, MaxconError
 
-# Most bytes of a file's records that are held at a time: long records make shorter chunks.
-MAX_CHUNK_BYTES = 2**28
-# Below this a file may unpack to any multiple of its size.
-SMALL_BYTES = 2**24
+MAX_CHUNK_BYTES = 2**28  # of a file's records that are held at a time: long records make shorter chunks
+SMALL_BYTES = 2**24  # below this a file may unpack to any multiple of its size
 
 
 class Bounds(NamedTuple):
@@ -36,14 +34,12 @@ class CloudHeader:
     path: Path
     n_points: int
     crs: str | None = None  # coordinate reference system as WKT; None where the file names none that can be used
-    # has_normals, has_classes, has_times: which of these come with each chunk
-    has_normals: bool = False
+    has_normals: bool = False  # likewise classes and times: whether they come with each chunk
     has_classes: bool = False
     has_times: bool = False
     has_asprs_classes: bool = False  # whether classes are those of the ASPRS (LAS), not of any scheme
     crs_fault: str = ""  # what the file has instead of one, in words; empty where it names none at all
-    # What reads it, where it is no file that `open_cloud` reads; `n_points` is an estimate then
-    reader: "CloudReader | None" = None
+    reader: "CloudReader | None" = None  # of what is no file for `open_cloud`; `n_points` is an estimate then
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +50,7 @@ class CloudChunk:
     normals: NDArray[np.float64] | None = None  # shape (k, 3), float64, or None; not checked to be unit vectors
     classes: NDArray[np.uint8] | None = None  # shape (k,), uint8, or None; classification codes, e.g. 2 for ground
     times: NDArray[np.float64] | None = None  # shape (k,), float64, or None; gps_time, s
-    # Shape (k,), bool, or None; points that the file marks as deleted (LAS)
-    is_withheld: NDArray[np.bool_] | None = None
+    is_withheld: NDArray[np.bool_] | None = None  # shape (k,), or None; marked as deleted by the file (LAS)
 
 
 def cloud_chunk(

@@ -25,18 +25,14 @@ if TYPE_CHECKING:
 
 KIND = "a LAS or LAZ file"
 HEADER_BYTES = 227  # of LAS 1.0 to 1.2; 1.4 has 375
-# Records between header and points; real files have kilobytes.
-MAX_RECORDS_BYTES = 2**28
+MAX_RECORDS_BYTES = 2**28  # of records between header and points; real files have kilobytes
 MAX_EVLRS = 10_000
 MAX_WKT_BYTES = 2**20
-RECORD_HEAD, EXTENDED_HEAD = struct.Struct("<2x16sHH32x"), struct.Struct("<2x16sHQ32x")
-"""User, number and length of records before and behind the points."""
+RECORD_HEAD, EXTENDED_HEAD = struct.Struct("<2x16sHH32x"), struct.Struct("<2x16sHQ32x")  # user, number, length
 CRS_USER, WKT, GEO_KEYS = b"LASF_Projection", 2112, 34735
 PROJECTED_KEY, GEODETIC_KEY = 3072, 2048
-# The parallel decompressor holds whole chunks (usually 50,000 points); larger ones are read in one thread.
-MAX_PARALLEL_CHUNK = 2_000_000
-# The decompressor's threads are of the process that loaded it: after a fork they are gone, and it would wait for them.
-PROCESS = os.getpid()
+MAX_PARALLEL_CHUNK = 2_000_000  # points; the parallel decompressor holds whole chunks (usually of 50,000)
+PROCESS = os.getpid()  # that has the decompressor's threads: after a fork they are gone, and it would wait for them
 
 
 class LasReader(CloudReader):

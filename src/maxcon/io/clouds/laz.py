@@ -17,15 +17,11 @@ from numpy.typing import NDArray
 
 from maxcon.io.clouds.base import Bounds, check_unpacked_size
 
-# Codes of the LASzip specification: pointwise chunked (formats 0-5) and layered chunked (6-10).
-POINTWISE, LAYERED = 2, 3
-# Layers of each kind of item: point, RGB, RGB and NIR, wave packet; extra bytes have one per byte.
-LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
+POINTWISE, LAYERED = 2, 3  # codes of the LASzip specification: chunks of formats 0-5, and of 6-10
+LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of each item: point, RGB, RGB and NIR, wave packet; extra bytes: one per byte
 EXTRA_BYTES = 14
-# Real clouds are compressed 5 to 20 times; a large file that claims more than this was made to exhaust memory.
-MAX_RATIO = 300
-# The first record of a COPC file lies at a fixed place: its head of 54 bytes, and what it says of the octree.
-HEADER_BYTES, RECORD_HEAD = 375, 54
+MAX_RATIO = 300  # real clouds are compressed 5 to 20 times; a large file that claims more was made to exhaust memory
+HEADER_BYTES, RECORD_HEAD = 375, 54  # behind these lies what a COPC file says of its octree
 OCTREE = struct.Struct("<5d2Q")
 ENTRY = np.dtype([("level", "<i4"), ("key", "<i4", 3), ("offset", "<u8"), ("n_bytes", "<i4"), ("n_points", "<i4")])
 DEEPEST = 30

@@ -10,8 +10,7 @@ import numpy as np
 from maxcon.io.clouds.records import RecordLayout, RecordReader
 from maxcon.io.point_records import record_type
 
-# Real headers have some hundred bytes, with long comments some thousand.
-MAX_HEADER_BYTES = 2**18
+MAX_HEADER_BYTES = 2**18  # real headers have some hundred bytes, with long comments some thousand
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",

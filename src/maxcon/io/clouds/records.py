@@ -29,8 +29,7 @@ from maxcon.io.point_records import coordinate_fields
 from maxcon.io.text import MAX_LINES, printable, table_of, text_lines
 
 ARRAYS = {"points": (3,), "normals": (3,), "classes": (), "times": ()}
-# Coordinates hardly compress; a large array that claims a higher ratio than this was made to exhaust memory.
-MAX_NPZ_RATIO = 100
+MAX_NPZ_RATIO = 100  # coordinates hardly compress: a large array that claims more was made to exhaust memory
 NPZ = "an NPZ archive of numpy.savez(path, points=...)"
 
 
@@ -51,8 +50,7 @@ class RecordReader(CloudReader):
     normal_names: ClassVar[tuple[str, str, str]]
     class_names: ClassVar[tuple[str, ...]]
     time_names: ClassVar[tuple[str, ...]]
-    ignores_case: ClassVar[bool]
-    """Of names of classes and times."""
+    ignores_case: ClassVar[bool]  # of names of classes and times
 
     def __init__(self, file: Path) -> None:
         super().__init__()
@@ -129,9 +127,6 @@ def _parsed(lines: list[str], n_rows: int, dtype: np.dtype[np.void]) -> dict[str
         columns[name] = table[:, at : at + math.prod(shape)].reshape(-1, *shape)
         at += math.prod(shape)
     return columns
-
-
-# --- NPZ ---------------------------------------------------------------------------------------------------------
 
 
 class NpzReader(CloudReader):

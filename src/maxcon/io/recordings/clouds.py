@@ -26,8 +26,7 @@ from maxcon.io.text import printable
 
 T = TypeVar("T")
 CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan"
-PACKET_BYTES, POSITION_BYTES = 1206, (512, 554)
-"""Bytes of a Velodyne's data packets, and of those with the position of its GNSS receiver."""
+PACKET_BYTES, POSITION_BYTES = 1206, (512, 554)  # of a Velodyne's data, and of its GNSS receiver's position
 LOOKED_AT = 2000  # UDP packets that are read to find out whether they are a Velodyne's
 HEADER_BYTES = 24  # of a capture file
 
@@ -37,9 +36,8 @@ class RecordedCloud:
     """One cloud of a recording, decoded when it is asked for its content."""
 
     label: str  # file and topic, for messages
-    # recorded, stamp: when it was recorded, and the time of its message, ns
-    recorded: int
-    stamp: int
+    recorded: int  # ns
+    stamp: int  # time of its message, ns
     records: NDArray[np.void] | FileError  # its points as stored, or why they cannot be read
 
     def points(self) -> CloudPoints:

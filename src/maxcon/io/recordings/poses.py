@@ -31,7 +31,6 @@ POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     "geometry_msgs/msg/PoseStamped": lambda content: (content.pose, np.zeros(36)),
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda content: (content.pose.pose, content.pose.covariance),
 }
-"""Kinds of messages that hold a pose, and where in them it is, with its covariance."""
 X_Y_HEADING = (0, 1, 5)  # rows of x, y and the turn about z in a covariance of ROS
 VEHICLE = "base_link"  # frame of a vehicle, by the convention of ROS: x forward
 
