@@ -38,9 +38,9 @@ from maxcon.integrity import Trust
 from maxcon.io.fixes import Heights, RecordedPoses
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
 from maxcon.io.raw_scan import DeskewedScans, MergedScans, Scans
+from maxcon.io.recordings.clouds import RecordedScans
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
 from maxcon.io.recordings.poses import read_recorded_poses
-from maxcon.io.recordings.recorded_scans import RecordedScans
 from maxcon.io.recordings.transforms import parse_frames
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_prior, read_trajectory

@@ -59,9 +59,9 @@ class DriveOptions(OptionGroup, title="Scans instead of clouds"):
             return None
         from maxcon.cli.drive_inputs import frame_of
         from maxcon.io.raw_scan import DeskewedScans
+        from maxcon.io.recordings.clouds import RecordedScans
         from maxcon.io.recordings.opening import is_recording
         from maxcon.io.recordings.poses import read_recorded_poses
-        from maxcon.io.recordings.recorded_scans import RecordedScans
         from maxcon.io.scans import open_scans
         from maxcon.io.trajectories import read_poses_of_scans
         from maxcon.mapping.placed_scans import PlacedScans

@@ -19,14 +19,15 @@ from maxcon.cli.options import (
     RangeOptions,
     RecordingOptions,
     Risk,
+    ScoresOptions,
     SpaceOptions,
     TableOptions,
     Times,
     Topic,
+    ViewOptions,
     WorkerOptions,
 )
 from maxcon.cli.terminal import warn
-from maxcon.cli.viewing import ScoresOptions, ViewOptions
 from maxcon.errors import OptionError
 
 

@@ -12,9 +12,8 @@ import typer
 from maxcon.cli.drive_of_map import DriveOptions
 from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclusive, flag, flags
 from maxcon.cli.georeference import georeference
-from maxcon.cli.options import AllowInexactCrs, Quiet, RangeOptions, Scheduler
+from maxcon.cli.options import AllowInexactCrs, Quiet, RangeOptions, Scheduler, ViewOptions
 from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
-from maxcon.cli.viewing import ViewOptions
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:

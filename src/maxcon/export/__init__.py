@@ -6,10 +6,9 @@ import os
 from pathlib import Path
 
 from maxcon.errors import CrsError, OptionError, TrajectoryError
-from maxcon.export.mcap_recording import write_mcap
 from maxcon.export.points import MAP_SUFFIXES, SCAN_SUFFIXES, export_map, write_placed_scans
 from maxcon.export.pose_rows import NEEDING_CRS, PARQUET, WRITERS, PoseRow, read_rows, times_beside
-from maxcon.export.scene import RERUN_SUFFIX, Scene, epochs_of_rows, with_rerun
+from maxcon.export.scene import RERUN_SUFFIX, Scene, epochs_of_rows, with_rerun, write_mcap
 from maxcon.io.scans import Scans
 from maxcon.map import PointMap
 

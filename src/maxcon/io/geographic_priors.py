@@ -86,9 +86,8 @@ def read_geographic_csv(file: Path) -> ReceiverLog:
         raise TrajectoryError(f"{file}: Expected at least one position, got none. Was it written to its end?")
     sigma_names = next((pair for pair in SIGMAS if any(name in table.names for name in pair)), SIGMAS[0])
     height, heading = _check_header(table, sigma_names)
-    n_rows = len(table.rows)
-    table.keep(table.texts("latitude"))
-    n_empty = n_rows - len(table.rows)
+    n_empty = len(table.rows)
+    n_empty -= len(table.keep(table.texts("latitude")))
     places = table.numbers(["time", "latitude", "longitude", height])
     sigmas = table.numbers([*sigma_names, "sigma_heading"], may_be_empty=True)
     angles = table.numbers(["roll", "pitch", heading], may_be_empty=True)
@@ -186,7 +185,8 @@ def read_nmea(file: Path) -> ReceiverLog:
 def _said(parts: list[str]) -> Iterator[tuple[Any, ...]]:
     """Yield what a sentence says: a kind of `N_COLUMNS`, a time and its numbers; nothing where fields are missing."""
     kind, texts = parts[0] if parts[0] == "PASHR" else parts[0][2:], parts[1:] + [""] * 12
-    time, numbers = _time_of_day(texts[0]), [_number(text) for text in texts]
+    time, known = _time_of_day(texts[0]), [parse_float(text) for text in texts]
+    numbers = [math.nan if value is None else value for value in known]
     if kind in TIMED:
         yield "time", time
     if kind in ("GGA", "GNS"):
@@ -278,11 +278,6 @@ def _midnight(day: str, month: str, year: str) -> float:
         return datetime(int(year), int(month), int(day), tzinfo=UTC).timestamp()
     except (ValueError, OverflowError):
         return math.nan
-
-
-def _number(text: str) -> float:
-    value = parse_float(text)
-    return math.nan if value is None else value
 
 
 def _time_of_day(text: str) -> float:

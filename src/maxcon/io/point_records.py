@@ -123,15 +123,10 @@ def decode_points(records: NDArray[np.void], stamp: int) -> CloudPoints:
         rows, coordinates = rows[once], [_taken(values, once) for values in coordinates]
     columns = times_and_rings(records, rows)
     ring = next((columns[name] for name in RINGS if name in columns), None)
-    return CloudPoints(
-        points=np.stack(coordinates, axis=1, dtype=np.float64),
-        times=find_point_times(columns, stamp),
-        rings=None if ring is None or ring.dtype.kind == "f" else ring.astype(np.int64),
-        n_points=records.size,
-        n_invalid=records.size - n_returns,
-        n_duplicates=n_returns - len(rows),
-        fields=words_of(records.dtype),
-    )
+    rings = None if ring is None or ring.dtype.kind == "f" else ring.astype(np.int64)
+    points, times = np.stack(coordinates, axis=1, dtype=np.float64), find_point_times(columns, stamp)
+    counts = records.size, records.size - n_returns, n_returns - len(rows)
+    return CloudPoints(points, times, rings, *counts, words_of(records.dtype))
 
 
 def decode_times(records: NDArray[np.void], stamp: int) -> PointTimes:
@@ -250,13 +245,10 @@ def _of_field(label: str, values: NDArray[np.generic], stamp: int) -> PointTimes
     if abs(begin_seconds) <= LONGEST * 1e-9:
         offsets = begin_seconds + offsets
         where = f"{offsets.min():+.6f} to {offsets.max():+.6f} s"
-        return PointTimes(offsets, f"{label}: {unit}, relative", f"{label}: {words}; from the message's time: {where}")
+        return _told(label, offsets, f"{unit}, relative", f"{words}; from the message's time: {where}")
     told = f"{words}; they begin at {begin_seconds:.6g} s, far from the message's {stamp * 1e-9:.6g} s"
-    return PointTimes(
-        offsets,
-        f"{label}: {unit}, of another clock (since boot?)",
-        f"{label}: {told}: another clock (since boot?), so that the message's time is held for the first point's",
-    )
+    told += ": another clock (since boot?), so that the message's time is held for the first point's"
+    return _told(label, offsets, f"{unit}, of another clock (since boot?)", told)
 
 
 def _unit(begin: float, span: float, stamp: int, *, is_float: bool) -> str | None:
@@ -274,22 +266,20 @@ def _unit(begin: float, span: float, stamp: int, *, is_float: bool) -> str | Non
 def _absolute(label: str, kind: str, words: str, offsets: NDArray[np.float64]) -> PointTimes:
     """Absolute times, on the clock of the message."""
     if abs(float(offsets[0])) > SAME_CLOCK * 1e-9:
-        return PointTimes(
-            offsets - offsets.min(),
-            f"{label}: {kind}, of another clock",
-            f"{label}: {words}; they begin {float(offsets.min()):.6g} s from the message's time: another clock, so that"
-            " the message's time is held for the first point's",
-        )
+        begin = f"they begin {float(offsets.min()):.6g} s from the message's time: another clock, so that the message's"
+        told = f"{words}; {begin} time is held for the first point's"
+        return _told(label, offsets - offsets.min(), f"{kind}, of another clock", told)
     span = float(np.ptp(offsets))
     ends = "last" if abs(offsets.max()) < 0.1 * span else "first" if abs(offsets.min()) < 0.1 * span else ""
     beside = f"; the message has the time of the {ends} point" if ends else ""
-    return PointTimes(
-        offsets,
-        f"{label}: {kind}" if "absolute" in kind else f"{label}: {kind}, absolute",
-        f"{label}: {words}, and lie near the message's time: {offsets.min():+.6f} to {offsets.max():+.6f} s from it"
-        f"{beside}",
-    )
+    where = f"{offsets.min():+.6f} to {offsets.max():+.6f} s from it{beside}"
+    kind = kind if "absolute" in kind else f"{kind}, absolute"
+    return _told(label, offsets, kind, f"{words}, and lie near the message's time: {where}")
 
 
 def _not_understood(label: str, why: str) -> PointTimes:
-    return PointTimes(None, f"{label}: not understood", f"{label}: not understood, as {why}")
+    return _told(label, None, "not understood", f"not understood, as {why}")
+
+
+def _told(label: str, offsets: NDArray[np.float64] | None, kind: str, words: str) -> PointTimes:
+    return PointTimes(offsets, f"{label}: {kind}", f"{label}: {words}")

@@ -19,6 +19,8 @@ from maxcon.scan.deskew import deskew, times_of_turn
 from maxcon.scan.normals import Viewpoints
 from maxcon.scan.trajectory import Trajectory
 
+LONELY_GAP = 0.1  # where the first scanner has a single scan: largest distance in time to scans of the others, s
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawScan:
@@ -42,6 +44,10 @@ class RawScan:
     n_dropped_duplicates: int = 0
     point_times: NDArray[np.float64] | None = None
     viewpoints: Viewpoints | None = None
+
+    @property
+    def _counts(self) -> tuple[int, int, int, int]:
+        return self.n_returns, self.n_dropped_invalid, self.n_dropped_range, self.n_dropped_duplicates
 
 
 class Scans(ABC):
@@ -94,16 +100,9 @@ def scan_within(
     with np.errstate(over="ignore"):
         ranges = np.sqrt(x * x + y * y + z * z)
     kept, offsets = np.flatnonzero((ranges >= min_range) & (ranges <= max_range)), cloud.times.offsets
-    return RawScan(
-        points=cloud.points.take(kept, axis=0),
-        time=time,
-        name=name,
-        n_returns=cloud.n_points,
-        n_dropped_invalid=cloud.n_invalid,
-        n_dropped_range=len(cloud.points) - len(kept),
-        n_dropped_duplicates=cloud.n_duplicates,
-        point_times=None if offsets is None else offsets.take(kept) - (time - stamp),
-    )
+    counts = cloud.n_points, cloud.n_invalid, len(cloud.points) - len(kept), cloud.n_duplicates
+    point_times = None if offsets is None else offsets.take(kept) - (time - stamp)
+    return RawScan(cloud.points.take(kept, axis=0), time, name, *counts, point_times)
 
 
 def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -111,9 +110,6 @@ def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> 
     after = np.searchsorted(times, wanted).clip(max=len(times) - 1)
     before = (after - 1).clip(min=0)
     return np.where(wanted - times[before] <= times[after] - wanted, before, after)
-
-
-LONELY_GAP = 0.1  # where the first scanner has a single scan: largest distance in time to scans of the others, s
 
 
 class DeskewedScans(Scans):
@@ -194,9 +190,8 @@ class MergedScans(Scans):
 
     def name(self, i: int) -> str:
         """Return the names of the scans of epoch number `i`."""
-        return " + ".join(
-            scans.name(int(row)) for scans, row in zip(self.scanners, self._rows[i], strict=True) if row >= 0
-        )
+        own = zip(self.scanners, self._rows[i].tolist(), strict=True)
+        return " + ".join(scans.name(row) for scans, row in own if row >= 0)
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
         """Return epoch number `i`, in the frame of the vehicle; ranges are those of each scanner."""
@@ -209,14 +204,8 @@ class MergedScans(Scans):
             for raw, size in zip(raws, sizes, strict=True)
         ]
         is_known = any(raw.point_times is not None or raw.time != time for raw in raws)
-        return RawScan(
-            points=np.concatenate([self.poses[k].apply(raw.points) for k, raw in zip(numbers, raws, strict=True)]),
-            time=time,
-            name=self.name(i),
-            n_returns=sum(raw.n_returns for raw in raws),
-            n_dropped_invalid=sum(raw.n_dropped_invalid for raw in raws),
-            n_dropped_range=sum(raw.n_dropped_range for raw in raws),
-            n_dropped_duplicates=sum(raw.n_dropped_duplicates for raw in raws),
-            point_times=np.concatenate(offsets) if is_known else None,
-            viewpoints=Viewpoints(np.repeat(numbers, sizes), self.poses),
-        )
+        points = np.concatenate([self.poses[k].apply(raw.points) for k, raw in zip(numbers, raws, strict=True)])
+        n_returns, n_invalid, n_far, n_twice = map(sum, zip(*(raw._counts for raw in raws), strict=True))
+        times, viewpoints = np.concatenate(offsets), Viewpoints(np.repeat(numbers, sizes), self.poses)
+        counts = n_returns, n_invalid, n_far, n_twice
+        return RawScan(points, time, self.name(i), *counts, times if is_known else None, viewpoints)

@@ -25,13 +25,13 @@ from maxcon.io.recordings.clouds import (
     CLOUD,
     VELODYNE,
     CloudSource,
+    RecordedScans,
     TopicOfClouds,
     open_clouds,
     topic_of_clouds,
     topics_of_capture,
 )
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording, open_recording
-from maxcon.io.recordings.recorded_scans import RecordedScans
 from maxcon.io.recordings.recording import Topic
 from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float, reading
 from maxcon.scan import Scan
@@ -138,12 +138,9 @@ class ScanFolder(Scans):
 
 
 def open_scans(
-    path: str | os.PathLike[str],
-    times: str | os.PathLike[str] | None = None,
-    *,
-    topic: str | None = None,
+    path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None, *, topic: str | None = None,
     at_stamp: bool = False,
-) -> Scans:
+) -> Scans:  # fmt: skip
     """Return the scans in a folder, a recording, or the one scan in a file; none is read yet.
 
     - path: A folder of scans of one kind: .bin (float32 x, y, z, and reflectance as KITTI has it), .pcd, .ply, .npz,
@@ -179,9 +176,8 @@ def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str]
     with reading(root, "a folder of scans"):
         root.stat()
         there = sorted(root.iterdir()) if root.is_dir() else [root]
-        found = [
-            p for p in there if p.suffix.lower() in SCAN_SUFFIXES and not p.name.startswith(".") and not p.is_dir()
-        ]
+        files = [path for path in there if not path.name.startswith(".") and not path.is_dir()]
+    found = [path for path in files if path.suffix.lower() in SCAN_SUFFIXES]
     suffixes = sorted({p.suffix.lower() for p in found})
     if len(suffixes) != 1:
         raise FileError(
@@ -235,11 +231,7 @@ def _times_from_names(paths: tuple[Path, ...]) -> NDArray[np.float64]:
 
 
 class RecordingDescription(NamedTuple):
-    """Topics and notes of a recording (none for folders of scans), and a table of words for each of its scanners.
-
-    A table has "scans", "fields", "times" (how those of points were understood, and why), "rings", "points"; and where
-    they are known "range", "extent", "normals" and a "problem", why one of the scans cannot be read.
-    """
+    """Topics and notes of a recording (none for folders of scans), and a table of words for each of its scanners."""
 
     topics: tuple[Topic, ...]
     notes: tuple[str, ...]
@@ -281,19 +273,15 @@ def _described(source: str, n_scans: int, reads: Iterator[tuple[float, Callable[
     times.sort()
     rate = f", {(len(times) - 1) / (times[-1] - times[0]):.2f} a second" if times and times[-1] > times[0] else ""
     n_seen = len(clouds) + len(problems)
-    n_points, n_invalid, n_duplicates = (
-        sum(numbers) for numbers in zip((0, 0, 0), *(cloud[3:6] for cloud in clouds), strict=True)
-    )
+    n_points, n_invalid, n_duplicates = map(sum, zip((0, 0, 0), *(cloud[3:6] for cloud in clouds), strict=True))
     rings = np.unique(np.concatenate([np.empty(0, np.int64), *(c.rings for c in clouds if c.rings is not None)]))
     words = {
         "scans": f"{source}: {n_scans:,} scans{rate}; of the first {n_seen}:",
         "fields": (clouds[0].fields if clouds else "") or "x, y, z",
         "times": (clouds[0].times.words if clouds else "") or "the points of these files have no times",
         "rings": f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
-        "points": (
-            f"{n_points / max(n_seen, 1):,.0f} a scan; {100.0 * n_invalid / max(n_points, 1):.1f} % no returns,"
-            f" {100.0 * n_duplicates / max(n_points, 1):.1f} % come twice"
-        ),
+        "points": f"{n_points / max(n_seen, 1):,.0f} a scan; {100.0 * n_invalid / max(n_points, 1):.1f} % no returns,"
+        f" {100.0 * n_duplicates / max(n_points, 1):.1f} % come twice",
     }
     full = [cloud.points for cloud in clouds if len(cloud.points)]
     if full:

@@ -123,22 +123,22 @@ class PoseTable:
 
     def good(self, arrays: Sequence[NDArray[np.float64]], *, may_leave_out: bool) -> list[NDArray[np.float64]]:
         """Leave out rows with faults, also in arrays of a row each, which come back; TrajectoryError if most are."""
-        is_good = np.array([line not in self.faults for line in self.lines], dtype=bool)
-        self.keep(is_good)
+        good = self.keep([line not in self.faults for line in self.lines])
         if self.faults and (not may_leave_out or len(self.faults) > len(self.rows)):
             raise TrajectoryError(self.told_faults()[0])
         if not self.rows:
             raise TrajectoryError(f"{self.file}: Expected at least one pose, got none. Was it written to its end?")
-        return [array[is_good] for array in arrays]
+        return [array[good] for array in arrays]
 
     def told_faults(self) -> tuple[str, ...]:
         """Faults in order of their lines, with file and line."""
         return tuple(f"{self.file}, line {line}: {words}" for line, words in sorted(self.faults.items()))
 
-    def keep(self, is_kept: Iterable[object]) -> None:
-        """Leave out the rows for which the value is not true."""
+    def keep(self, is_kept: Iterable[object]) -> list[int]:
+        """Leave out the rows for which the value is not true; return which are kept."""
         kept = [row for row, is_in in enumerate(is_kept) if is_in]
         self.lines, self.rows = [self.lines[row] for row in kept], [self.rows[row] for row in kept]
+        return kept
 
     def texts(self, name: str) -> list[str]:
         """Cells of the column of a name."""
@@ -191,13 +191,14 @@ def read_pose_table(file: Path, what: str = "a trajectory", names: Sequence[str]
     """Return a CSV table with a header, or one of given `names` with blanks between columns; `#` begins a comment."""
     table = PoseTable(file, list(names))
     for number, line in numbered_lines(file, what):
+        if line.startswith("#"):
+            continue
         try:
-            cells = _cells(line, is_csv=not names)
+            texts = line.partition("#")[0].split() if names else next(csv.reader([line], strict=True))
         except csv.Error as error:
             table.faults[number] = f"Expected comma-separated values, got: {error}. Correct or remove this line."
             continue
-        if not cells:
-            continue
+        cells = [text.strip() for text in texts]
         if not table.names:
             table.names, table.header_line = [name.lower() for name in cells], number
         elif len(cells) == len(table.names):
@@ -209,9 +210,3 @@ def read_pose_table(file: Path, what: str = "a trajectory", names: Sequence[str]
                 f" line{'' if not names else ', or name the file .csv if it is CSV'}."
             )
     return table
-
-
-def _cells(line: str, *, is_csv: bool) -> list[str]:
-    if not is_csv:
-        return line.partition("#")[0].split()
-    return [] if line.startswith("#") else [text.strip() for text in next(csv.reader([line], strict=True))]

@@ -141,47 +141,35 @@ def _read_csv(file: Path, *, is_prior: bool) -> tuple[PoseTable, list[NDArray[np
             f"Expected a header with {','.join(CSV_COLUMNS)} (angles in rad, or as roll_deg,pitch_deg,heading_deg), got"
             f" no {missing[0]!r} in {','.join(table.names)[:80]!r}. {advice}"
         )
-    certainty = _certainty_columns(table)
     table.keep(table.texts("x"))
     values = table.numbers(needed)
     if len(needed) < len(CSV_COLUMNS):
         values = np.insert(values, [4, 4], 0.0, axis=1)
-    arrays = [values[:, 0], values[:, 1:4], quaternions_from_angles(*values[:, 4:].T)]
-    return table, [*arrays, _covariances(table, certainty)] if certainty else arrays
+    return table, [values[:, 0], values[:, 1:4], quaternions_from_angles(*values[:, 4:].T), *_covariances(table)]
 
 
-def _certainty_columns(table: PoseTable) -> tuple[str, ...]:
-    """The columns of a covariance, else those of three standard deviations, or none."""
-    given = [
-        kind for kind in (COVARIANCE_COLUMNS, SIGMA_COLUMNS) if any(table.name_of(name) is not None for name in kind)
-    ]
+def _covariances(table: PoseTable) -> list[NDArray[np.float64]]:
+    """Covariances of all rows, (n, 3, 3), NaN where all columns are empty; nothing where there are no such columns."""
+    given = [kind for kind in (COVARIANCE_COLUMNS, SIGMA_COLUMNS) if any(map(table.name_of, kind))]
     if not given:
-        return ()
-    missing = [name for name in given[0] if table.name_of(name) is None]
+        return []
+    missing = [name for name in given[0] if not table.name_of(name)]
     if missing:
         table.refuse(
             f"Expected either {','.join(COVARIANCE_COLUMNS)} (m^2, m rad, rad^2) or {','.join(SIGMA_COLUMNS)} (m, rad;"
             f" or sigma_heading_deg), got {'both' if len(given) == 2 else f'no {missing[0]!r}'}. Give all columns of"
             " one kind, or none."
         )
-    return given[0]
-
-
-def _covariances(table: PoseTable, names: tuple[str, ...]) -> NDArray[np.float64]:
-    """Covariances of all rows, shape (n, 3, 3); NaN where all columns are empty."""
-    values = table.numbers(names, may_be_empty=True)
+    values = table.numbers(given[0], may_be_empty=True)
     is_empty = np.isnan(values)
     for row in np.flatnonzero(is_empty.any(axis=1) & ~is_empty.all(axis=1)).tolist():
-        table.add_fault(row, f"Expected finite numbers as '{','.join(names)}', all of them or none, got ''.")
+        table.add_fault(row, f"Expected finite numbers as '{','.join(given[0])}', all of them or none, got ''.")
     covariances = np.zeros((len(values), 3, 3))
-    if names is SIGMA_COLUMNS:
-        with np.errstate(over="ignore"):
-            covariances[:, range(3), range(3)] = values**2
-        covariances[is_empty.all(axis=1)] = np.nan
-        return covariances
-    rows, others = np.triu_indices(3)
-    covariances[:, rows, others] = covariances[:, others, rows] = values
-    return covariances
+    rows, others = np.diag_indices(3) if given[0] is SIGMA_COLUMNS else np.triu_indices(3)
+    with np.errstate(over="ignore"):
+        covariances[:, rows, others] = covariances[:, others, rows] = values**2 if len(rows) == 3 else values
+    covariances[is_empty.all(axis=1)] = np.nan
+    return [covariances]
 
 
 def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, comment: str = "") -> None:

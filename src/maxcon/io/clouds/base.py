@@ -53,19 +53,11 @@ class CloudChunk:
     is_withheld: NDArray[np.bool_] | None = None  # shape (k,), or None; marked as deleted by the file (LAS)
 
 
-def cloud_chunk(
-    points: NDArray[Any],
-    normals: NDArray[Any] | None = None,
-    classes: NDArray[Any] | None = None,
-    times: NDArray[Any] | None = None,
-) -> CloudChunk:
-    """Return points and what goes with them, of any types of numbers; ValueError if a class is none."""
-    return CloudChunk(
-        as_float64(points),
-        None if normals is None else as_float64(normals),
-        None if classes is None else _as_classes(classes),
-        None if times is None else as_float64(times),
-    )
+def cloud_chunk(**columns: NDArray[Any]) -> CloudChunk:
+    """Return points, and normals, classes, times if given, of any types of numbers; ValueError if a class is none."""
+    as_own = {"classes": _as_classes}
+    converted: dict[str, Any] = {name: as_own.get(name, as_float64)(values) for name, values in columns.items()}
+    return CloudChunk(**converted)
 
 
 class CloudReader(ABC):

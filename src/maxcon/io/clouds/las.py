@@ -52,14 +52,9 @@ class LasReader(CloudReader):
                     stream, layout.start, layout.record_length, layout.n_points, _laszip_record(header)
                 )
             crs = _read_crs(stream, layout)
-        self.header = CloudHeader(
-            path=file,
-            n_points=layout.n_points,
-            has_classes=True,
-            has_asprs_classes=True,
-            has_times="gps_time" in header.point_format.dimension_names,
-            **crs._asdict(),
-        )
+        has: dict[str, Any] = {"has_classes": True, "has_asprs_classes": True, **crs._asdict()}
+        has_times = "gps_time" in header.point_format.dimension_names
+        self.header = CloudHeader(file, layout.n_points, has_times=has_times, **has)
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         chunks = self._chunks
@@ -91,12 +86,9 @@ class LasReader(CloudReader):
                 if max(self._chunks.n_points) > MAX_PARALLEL_CHUNK:
                     backend = laspy.LazBackend.Lazrs
             stream.seek(0)
+            wanted = selection or laspy.DecompressionSelection.all()
             reader = laspy.LasReader(
-                stream,
-                closefd=False,
-                laz_backend=backend,
-                read_evlrs=False,
-                decompression_selection=selection or laspy.DecompressionSelection.all(),
+                stream, closefd=False, laz_backend=backend, read_evlrs=False, decompression_selection=wanted
             )
             n_most = rows_at_a_time(max_points, self._layout.record_length)
             while n_left > 0:

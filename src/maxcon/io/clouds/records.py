@@ -59,14 +59,15 @@ class RecordReader(CloudReader):
             dtype = self._layout.dtype
             scalars = [name for name in dtype.names or () if not dtype[name].shape]
             names = {name.lower() if self.ignores_case else name: name for name in reversed(scalars)}
-            has_normals = set(self.normal_names) <= set(scalars)
             self.coordinates = coordinate_fields(dtype, "fiu")
-            self._normals = coordinate_fields(dtype, "fiu", self.normal_names) if has_normals else None
-        self._classes = next((names[name] for name in self.class_names if name in names), "")
-        self._times = next((names[name] for name in self.time_names if name in names), "")
-        self.header = CloudHeader(
-            file, self._layout.n_points, None, has_normals, bool(self._classes), bool(self._times)
-        )
+            self._fields: dict[str, str | list[str]] = {"points": self.coordinates}
+            if set(self.normal_names) <= set(scalars):
+                self._fields["normals"] = coordinate_fields(dtype, "fiu", self.normal_names)
+        for key, possible in (("classes", self.class_names), ("times", self.time_names)):
+            if found := [names[name] for name in possible if name in names]:
+                self._fields[key] = found[0]
+        has: dict[str, Any] = {f"has_{key}": key in self._fields for key in ("normals", "classes", "times")}
+        self.header = CloudHeader(file, self._layout.n_points, **has)
 
     @abstractmethod
     def _read_layout(self, stream: BinaryIO) -> RecordLayout:
@@ -86,12 +87,7 @@ class RecordReader(CloudReader):
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         for columns in self._pieces(rows_at_a_time(max_points, self._layout.dtype.itemsize)):
-            yield cloud_chunk(
-                np.stack([columns[name] for name in self.coordinates], axis=1, dtype=np.float64),
-                None if self._normals is None else np.stack([columns[name] for name in self._normals], axis=1),
-                columns[self._classes] if self._classes else None,
-                columns[self._times] if self._times else None,
-            )
+            yield cloud_chunk(**{key: _column(columns, names) for key, names in self._fields.items()})
 
     def _pieces(self, n_most: int) -> Iterator[Mapping[str, NDArray[Any]]]:
         """Yield the fields of the points, at most so many points at a time; those of text are float64."""
@@ -111,6 +107,10 @@ class RecordReader(CloudReader):
                     if len(records) < n_rows:
                         raise ValueError(f"{n_rows - len(records)} points fewer: truncated")
                     yield records
+
+
+def _column(columns: Mapping[str, NDArray[Any]], names: str | list[str]) -> NDArray[Any]:
+    return columns[names] if isinstance(names, str) else np.stack([columns[name] for name in names], axis=1)
 
 
 def n_columns(dtype: np.dtype[np.void]) -> int:

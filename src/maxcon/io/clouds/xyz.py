@@ -22,8 +22,8 @@ NAMES = {
     "x": ("x", "easting", "east"),
     "y": ("y", "northing", "north"),
     "z": ("z", "height", "elevation"),
-    "class": ("classification", "class", "label", "scalar_classification"),
-    "time": ("gps_time", "gpstime", "time", "scalar_gpstime"),
+    "classes": ("classification", "class", "label", "scalar_classification"),
+    "times": ("gps_time", "gpstime", "time", "scalar_gpstime"),
 }
 SEPARATORS = (",", ";", "\t")
 COMMENTS = ("#", "//")
@@ -55,16 +55,15 @@ class XyzReader(CloudReader):
         with _opened(file) as lines:
             n_points = sum(1 for _ in _rows(lines, self._layout))
         columns = self._layout.columns
-        self.header = CloudHeader(file, n_points, has_classes="class" in columns, has_times="time" in columns)
+        self.header = CloudHeader(file, n_points, has_classes="classes" in columns, has_times="times" in columns)
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         with _opened(self.header.path) as lines:
             rows, layout = _rows(lines, self._layout), self._layout
             while some := list(islice(rows, min(max_points, MAX_LINES))):
                 values = table_of(some, layout.n_columns, layout.separator)
-                named = {name: values[:, column] for name, column in layout.columns.items()}
-                points = values[:, [layout.columns[name] for name in "xyz"]]
-                yield cloud_chunk(points, classes=named.get("class"), times=named.get("time"))
+                named = {name: values[:, column] for name, column in layout.columns.items() if name not in "xyz"}
+                yield cloud_chunk(points=values[:, [layout.columns[name] for name in "xyz"]], **named)
 
 
 @contextmanager

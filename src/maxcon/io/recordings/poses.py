@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,17 +106,10 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
     return choose_topic(recording, name, kinds, preferred, "poses", f"{option}-topic", advice)
 
 
-class _Rows(NamedTuple):
-    """What the messages of a topic say, by time: (n,) and (n, k); how many say nothing; frames, the last one last."""
-
-    times: NDArray[np.float64]
-    values: NDArray[np.float64]
-    n_left_out: int
-    frames: list[str]
-
-
-def _rows(recording: Recording, topic: Topic, what: str, row_of: Callable[[Any], list[float] | None]) -> _Rows:
-    """Read a topic; `row_of` a message are its numbers, None if it says nothing. The first of a time counts."""
+def _rows(
+    recording: Recording, topic: Topic, what: str, row_of: Callable[[Any], list[float] | None]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int, list[str]]:
+    """Times (n,) and numbers (n, k) of messages, the first of a time; how many have none; frames, the last one last."""
     rows: dict[float, list[float]] = {}
     n_left_out, frames = 0, [""]
     for _, time, content in contents(recording, [topic], what):
@@ -127,7 +120,7 @@ def _rows(recording: Recording, topic: Topic, what: str, row_of: Callable[[Any],
         else:
             rows.setdefault(time, row)
     times = sorted(rows)
-    return _Rows(np.array(times), np.array([rows[time] for time in times]), n_left_out, frames)
+    return np.array(times), np.array([rows[time] for time in times]), n_left_out, frames
 
 
 def _of_fixes(

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Recording: topics and messages of a bag or MCAP file, read and written by the standard definitions of ROS."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -55,31 +54,25 @@ class Message:
     data: bytes
 
 
-class Recording(ABC):
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
     """An open recording. Opening reads its index; iterating holds one chunk of it at a time."""
 
-    kind: str
+    path: Path
+    kind: str  # in words
     topics: tuple[Topic, ...]
+    read: Callable[[Collection[str], int], Iterator[Message]]
+    close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    @abstractmethod
-    def _read(self, topics: Collection[str], start: int) -> Iterator[Message]:
-        """Yield the messages of some topics recorded at `start` (ns) or later."""
 
     def messages(self, topics: Collection[str], start: int = 0) -> Iterator[Message]:
         """Yield the messages of some topics recorded at `start` (ns) or later; by time where the file allows."""
         with as_file_error(self.path, self.kind):
-            yield from self._read(topics, start)
+            yield from self.read(topics, start)
 
     def of_type(self, *types: str) -> list[Topic]:
         """Return the topics of some types that have messages."""
         return [topic for topic in self.topics if topic.type in types and topic.n_messages]
-
-    def close(self) -> None:  # noqa: B027  (MCAP files are open only while they are read)
-        """Close the files."""
 
     def __enter__(self) -> Self:
         return self
@@ -89,23 +82,17 @@ class Recording(ABC):
 
 
 def choose_topic(
-    recording: Recording,
-    name: str | None,
-    kinds: Sequence[str],
-    preferred: str,
-    what: str,
-    option: str,
+    recording: Recording, name: str | None, kinds: Sequence[str], preferred: str, what: str, option: str,
     otherwise: Callable[[], str],
-) -> Topic:
+) -> Topic:  # fmt: skip
     """Return the topic asked for, or the only one of some kinds, or of several the only one of the preferred kind.
 
     what, option, otherwise: for messages: what is wanted, the option that names a topic, and what to do without any.
     """
     found = recording.of_type(*kinds)
     if name is not None:
-        for topic in found:
-            if topic.name == name:
-                return topic
+        if named := [topic for topic in found if topic.name == name]:
+            return named[0]
         got = next((printable(topic.type) for topic in recording.topics if topic.name == name), "no such topic")
         raise OptionError(
             f"Expected {what} in the topic {name} of {recording.path}, got {got}. Ask for {_listed(found) or 'none'}."
@@ -266,13 +253,8 @@ def cloud_content(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
     """Return a sensor_msgs/PointCloud2 without a header, of one row; fields by their names, all float32."""
     rows = np.stack(list(columns.values()), axis=1).astype("<f4")
     step = 4 * len(columns)
+    fields = [dict(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate(columns)]
     return {
-        "height": 1,
-        "width": len(rows),
-        "fields": [dict(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate(columns)],
-        "is_bigendian": False,
-        "point_step": step,
-        "row_step": step * len(rows),
-        "data": rows.ravel().view(np.uint8),
-        "is_dense": True,
-    }
+        "height": 1, "width": len(rows), "fields": fields, "is_bigendian": False, "point_step": step,
+        "row_step": step * len(rows), "data": rows.ravel().view(np.uint8), "is_dense": True,
+    }  # fmt: skip
