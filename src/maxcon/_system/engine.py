@@ -1,9 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Engine: where tasks are done, in this process, in several of this machine, or on a dask cluster; and in which order.
-
-A job is opened by each process when its first task comes, and kept for those that follow.
-"""
+"""Engine: where tasks are done (this process, several of this machine, a dask cluster), and in which order."""
 
 import multiprocessing
 import os
@@ -87,9 +84,8 @@ class Engine:
     def run(self, job: Job[TaskT, ResultT], tasks: Iterable[TaskT], n_tasks: int) -> Iterator[tuple[TaskT, ResultT]]:
         """Yield each task with its result as it is done, in any order; a task may come back as the parts it splits to.
 
-        A worker that ends is replaced, and its tasks are done anew. A task that ends four in turn is split once
-        everything else is done, and each part is tried alone; a part that again ends four has the result that the
-        job gives for lost ones. Tasks are taken as workers become free; no more than `n_tasks` processes are started.
+        A worker that ends is replaced, and its tasks are done anew. A task that ends four in turn is split once all
+        else is done, and each part tried alone; one that again ends four has the result that the job gives for lost ones.
         """
         with self.started(n_tasks) as run:
             yield from run(job, tasks)

@@ -89,20 +89,12 @@ def differences(before: Any, now: Any, where: str = "") -> str:
 
 
 class ResumableTable:
-    """Parquet table that grows by parts, each whole or not there, which are merged into one file in the end (D10).
-
-    path: of the merged file.
-    parts: folder of the parts, of this table alone.
-    keys: columns that name a row. Rows are in their order; of equal keys the merged row counts, then any.
-    what: the table, for messages, e.g. "poses of a drive".
-    """
+    """Parquet table that grows by parts, each whole or not there, which are merged into one file in the end (D10)."""
 
     def __init__(self, path: Path, parts: Path, schema: "pyarrow.Schema", keys: Sequence[str], what: str) -> None:
-        self.path = path
-        self.parts = parts
-        self._schema = schema
-        self._keys = keys
-        self._what = what
+        self.path, self.parts = path, parts  # of the merged file; a folder of this table alone
+        self._schema, self._what = schema, what
+        self._keys = keys  # columns that name a row, in whose order rows are; of equal ones the merged row counts
 
     def part_paths(self) -> list[Path]:
         """Return the files of rows that are not merged."""

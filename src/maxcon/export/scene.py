@@ -46,14 +46,11 @@ INFO, WARN = 20, 30  # levels of rcl_interfaces/msg/Log
 
 @dataclass(frozen=True, eq=False)
 class CellScores:
-    """Scores of the cells of a search, at each place that of its best heading: what it saw from above.
+    """Scores of the cells of a search, at each place that of its best heading: what it saw from above."""
 
-    places: shape (n, 3), of the sensor in the cells, global coordinates, m. scores: shape (n,). edge: of a cell, m.
-    """
-
-    places: NDArray[np.float64]
-    scores: NDArray[np.float64]
-    edge: float
+    places: NDArray[np.float64]  # shape (n, 3), of the sensor in the cells, global coordinates, m
+    scores: NDArray[np.float64]  # shape (n,)
+    edge: float  # of a cell, m
 
     @classmethod
     def searched(cls, method: MaximumConsensus, scan: Scan, point_map: PointMap, prior: Pose) -> "CellScores":
@@ -67,18 +64,13 @@ class CellScores:
 
 @dataclass(frozen=True, eq=False)
 class SceneEpoch:
-    """An epoch of a drive; poses in global coordinates.
+    """An epoch of a drive; poses in global coordinates."""
 
-    number: of the scan in the drive, from 0. row: its answer; among the numbers is the `share`, where it is known.
-    points: of its scan, thinned, shape (n, 3), sensor frame, m. prior: None where there was none.
-    cells: None where they were not asked for, or not searched.
-    """
-
-    number: int
-    row: PoseRow
-    points: NDArray[np.float32]
+    number: int  # of the scan in the drive, from 0
+    row: PoseRow  # its answer; among the numbers is the `share`, where it is known
+    points: NDArray[np.float32]  # of its scan, thinned, shape (n, 3), sensor frame, m
     prior: Pose | None = None
-    cells: CellScores | None = None
+    cells: CellScores | None = None  # if asked for, and searched
 
     @classmethod
     def of_estimate(cls, epoch: EpochEstimate, frame: LocalFrame, cells: CellScores | None = None) -> "SceneEpoch":
@@ -123,13 +115,10 @@ def _prior_of(row: PoseRow) -> Pose | None:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The frame that a drive is shown in: viewers draw with single precision, so that its origin is near.
+    """The frame that a drive is shown in: viewers draw with single precision, so that its origin is near."""
 
-    origin: global coordinates of its (0, 0, 0), m. crs: of these; None if not known. point_map: None if not given.
-    """
-
-    origin: NDArray[np.float64]
-    crs: str | None
+    origin: NDArray[np.float64]  # global coordinates of its (0, 0, 0), m
+    crs: str | None  # of these
     point_map: PointMap | None
 
     @classmethod

@@ -311,10 +311,7 @@ class GeographicFrame(_Between):
 
     @property
     def shift_sigma(self) -> float:
-        """How far places may be off, m, as they were moved into the datum of the map; 0 where they were not.
-
-        A receiver's are in the datum of its corrections, whatever it says: PROJ's metre of WGS 84 does not count.
-        """
+        """How far places may be off, m, as they moved into the map's datum; PROJ's metre of WGS 84 does not count."""
         operation = self.operation
         return 0.0 if operation is None or operation.is_exact or not operation.moves else max(operation.accuracy, 0.0)
 

@@ -159,10 +159,7 @@ def is_nmea(file: Path) -> bool:
 
 
 def read_nmea(file: Path) -> ReceiverLog:
-    """Return what a receiver logged; sentences with a wrong checksum, or without, are passed over and counted.
-
-    Heights are the altitude and the receiver's geoid height added; or above the geoid, if it never states the latter.
-    """
+    """Return what a receiver logged; heights are ellipsoidal, or above the geoid if it never states the latter's."""
     rows: dict[str, list[tuple[float, ...]]] = {kind: [] for kind in N_COLUMNS}
     n_sentences = n_broken = 0
     with reading(file, "a log of NMEA sentences"), open_regular(file) as stream:

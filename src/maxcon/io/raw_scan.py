@@ -146,11 +146,7 @@ class DeskewedScans(Scans):
 
 
 class MergedScans(Scans):
-    """Scans of several scanners at T_vehicle_sensor, matched by their times; points are in the vehicle's.
-
-    Each scan of the first one is an epoch; of the others the scan nearest in time is added, if it is within half
-    of the first one's usual interval.
-    """
+    """Scans of several scanners at T_vehicle_sensor, in the vehicle's frame: each of the first with the nearest."""
 
     def __init__(self, scanners: Sequence[Scans], poses: Sequence[Pose], names: Sequence[str]) -> None:
         self.scanners, self.poses, self.names = tuple(scanners), tuple(poses), tuple(names)

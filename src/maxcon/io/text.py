@@ -159,11 +159,7 @@ class PoseTable:
         return found[0] if found else None
 
     def numbers(self, quantities: Sequence[str], *, may_be_empty: bool = False) -> NDArray[np.float64]:
-        """Return quantities in s, m and rad, shape (n, k); NaN where there is no such column, or its cell is empty.
-
-        Faults: a cell that is no finite number, or is empty unless it `may_be_empty`; an angle of more than a turn; a
-        standard deviation below 0.
-        """
+        """Return quantities in s, m and rad, (n, k), and note faults of cells; NaN where empty, or no such column."""
         found = np.full((len(self.rows), len(quantities)), np.nan)
         for k, quantity in enumerate(quantities):
             name = self.name_of(quantity)

@@ -84,10 +84,7 @@ def read_poses_of_scans(path: str | os.PathLike[str], times: NDArray[np.float64]
 
 
 def read_prior(path: str | os.PathLike[str]) -> RecordedPoses:
-    """Return the trajectory in `path` without the rows that are no poses: loggers end in the middle of a line.
-
-    Roll and pitch may be missing; TrajectoryError where most rows are no poses, or times do not increase.
-    """
+    """Return a trajectory without the rows that are no poses, as loggers end in the middle of a line."""
     return _read(Path(path), is_prior=True)
 
 

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: MIT
 """LAS and LAZ, read through laspy once header, CRS and chunk table are checked against the file.
 
-laspy waits for ever on some headers, and skips records that it cannot parse: a file with a damaged CRS would seem to
-name none.
+laspy waits for ever on some headers, and skips damaged records: a file would seem to name no CRS.
 """
 
 import math

@@ -3,8 +3,7 @@
 """The chunks of a LAZ file, and which of them a COPC file's octree says may have points in a rectangle.
 
 Both are checked against the bytes before anything is decompressed: the decompressor allocates what the file claims
-(measured: 3.7 GB for a file of 0.6 MB). A COPC file (Cloud Optimized Point Cloud 1.0) is a LAZ file whose every chunk
-is a node of an octree; nothing that the octree says is followed unless the table of chunks says the same.
+(measured: 3.7 GB for a file of 0.6 MB). Each chunk of a COPC file (Cloud Optimized Point Cloud 1.0) is a node.
 """
 
 import struct

@@ -40,11 +40,7 @@ class _Layout(NamedTuple):
 
 
 class XyzReader(CloudReader):
-    """Points of a text file; with classes and times where a header names such columns.
-
-    Without a header the first three columns are x, y, z. A first line with the number of points is passed over, and so
-    are lines that begin with # or //, unless they are the header.
-    """
+    """Points of a text file; with classes and times where a header names them; without one x, y, z come first."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()

@@ -58,7 +58,7 @@ def read_recorded_poses(
     """
     with open_recording(path) as recording:
         if frames is not None:
-            trajectory, words = TransformTree.read(recording).trajectory(*frames)
+            trajectory, words = TransformTree(recording).trajectory(*frames)
             words = f"poses from /tf ({printable(words)})"
             poses = RecordedPoses(trajectory, words, position_frame=frames[1], orientation_frame=frames[1])
         else:
@@ -75,7 +75,7 @@ def _of_sensor(recording: Recording, poses: RecordedPoses, sensor_frame: str) ->
     """The scanner's poses, where static transforms tell how it is mounted; else the same."""
     if not (sensor_frame and poses.position_frame and poses.orientation_frame):
         return poses
-    tree = TransformTree.read(recording, is_static_only=True)
+    tree = TransformTree(recording, is_static_only=True)
     turned = tree.static_pose(poses.orientation_frame, sensor_frame)
     antenna = tree.static_pose(poses.orientation_frame, poses.position_frame)
     if turned is None or antenna is None:
@@ -98,7 +98,7 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
     kinds, preferred = (tuple(POSES), ODOMETRY) if is_odometry else ((FIX, *POSES), FIX)
 
     def advice() -> str:
-        frames = TransformTree.read(recording).frames if recording.of_type(*TRANSFORMS) else ()
+        frames = TransformTree(recording).frames if recording.of_type(*TRANSFORMS) else ()
         listed = printable(", ".join(frames[:12]))
         of_frames = f" Or choose two of the frames {listed}: {option}-frames FIXED:MOVING." if frames else ""
         return f"Give a file: {option}.{of_frames}"

@@ -85,10 +85,7 @@ def choose_topic(
     recording: Recording, name: str | None, kinds: Sequence[str], preferred: str, what: str, option: str,
     otherwise: Callable[[], str],
 ) -> Topic:  # fmt: skip
-    """Return the topic asked for, or the only one of some kinds, or of several the only one of the preferred kind.
-
-    what, option, otherwise: for messages: what is wanted, the option that names a topic, and what to do without any.
-    """
+    """Return the topic asked for, or the only one of some kinds, or of several the only one of the preferred kind."""
     found = recording.of_type(*kinds)
     if name is not None:
         if named := [topic for topic in found if topic.name == name]:
