@@ -85,7 +85,7 @@ class Engine:
         """Yield each task with its result as it is done, in any order; a task may come back as the parts it splits to.
 
         A worker that ends is replaced, and its tasks are done anew. A task that ends four in turn is split once all
-        else is done, and each part tried alone; one that again ends four has the result that the job gives for lost ones.
+        else is done, and each part tried alone; one that again ends four has the result of the job for lost ones.
         """
         with self.started(n_tasks) as run:
             yield from run(job, tasks)
