@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,11 @@ from maxcon.cli.options import (
     LARGEST_HALF_WIDTH,
     SIGMAS,
     Certainty,
+    MappingDrive,
     MethodOptions,
     MotionOptions,
     RecordingOptions,
     SpaceOptions,
-    parse_objective,
 )
 from maxcon.cli.terminal import step_bars
 from maxcon.drive.diagnosis import check_heights
@@ -43,13 +45,17 @@ from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.io.recordings.transforms import parse_frames
 from maxcon.io.scans import open_scans
-from maxcon.io.trajectories import read_prior, read_trajectory
+from maxcon.io.trajectories import read_poses_of_scans, read_prior, read_trajectory
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED
+from maxcon.mapping.placed_scans import PlacedScans
 from maxcon.scan.mounting import Mounting, read_mounting
 from maxcon.scan.trajectory import Trajectory
+from maxcon.search.objectives import Objective, as_objective, scores_of
 from maxcon.search.space import PAPER_STEP_DEG, SearchSpace, rounded_up
+
+HALF_A_TURN = 0.05  # s
 
 
 @dataclass(frozen=True)
@@ -213,11 +219,9 @@ def _prior(
             f"Expected --prior with rough poses beside {entry.scans}, got none. Give it; only recordings with poses in"
             " them do without."
         )
-    frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
-    poses = read_rough_poses(
-        source, crs, options.geoid_height, asked,
-        topic=options.prior_topic, are_sure=mounting is not None, frames=frames, sensor_frame=sensor_frame,
-    )  # fmt: skip
+    frames = options.prior_frames and parse_frames(options.prior_frames, "--prior-frames")
+    how = {"topic": options.prior_topic, "frames": frames or None, "sensor_frame": sensor_frame}
+    poses = read_rough_poses(source, crs, options.geoid_height, asked, are_sure=mounting is not None, **how)
     trajectory = poses.trajectory
     if mounting is not None:
         trajectory = mounting.of_prior(trajectory, has_orientations=poses.has_orientations)
@@ -267,22 +271,20 @@ def _odometry(
 def _fixed_space(given: SpaceOptions) -> SearchSpace:
     """The space of the half widths, the usual ones if not given, rounded up to whole steps."""
 
-    def in_steps(reach: float, step: float | None) -> float:
+    def in_steps(reach: float | None, usual: float, step: float | None) -> float:
+        reach = usual if reach is None else reach
         # What makes no sense stays as it is, to be refused in words.
         makes_sense = 0.0 <= reach < math.inf and (step is None or 0.0 < step < math.inf)
         return rounded_up(reach, step) if makes_sense else reach
 
-    usual = SearchSpace()
-    half_width = usual.half_width if given.half_width is None else given.half_width
-    turn = usual.heading_half_width_deg if given.heading_half_width_deg is None else given.heading_half_width_deg
-    step_deg = PAPER_STEP_DEG if given.heading_step_deg is None and given.cell else given.heading_step_deg
-    return SearchSpace(
-        in_steps(half_width, given.cell),
-        given.cell,
-        in_steps(turn, step_deg),
-        given.heading_step_deg,
-        in_steps(given.height_half_width or 0.0, given.cell),
+    usual, cell = SearchSpace(), given.cell
+    step_deg = PAPER_STEP_DEG if given.heading_step_deg is None and cell else given.heading_step_deg
+    half_width, height = (
+        in_steps(given.half_width, usual.half_width, cell),
+        in_steps(given.height_half_width, 0.0, cell),
     )
+    turn = in_steps(given.heading_half_width_deg, usual.heading_half_width_deg, step_deg)
+    return SearchSpace(half_width, cell, turn, given.heading_step_deg, height)
 
 
 def _within_sigmas(
@@ -302,3 +304,51 @@ def _within_sigmas(
         return None
     largest = LARGEST_HALF_WIDTH if given.largest_half_width is None else given.largest_half_width
     return WithinSigmas(method, prior, SIGMAS if given.sigmas is None else given.sigmas, largest, max_gap)
+
+
+def placed_scans(drive: MappingDrive, path: Path, poses_path: Path, quiet: bool) -> PlacedScans:
+    """Return scans that a map is made of, placed by their poses."""
+    mounting = None if drive.mounting is None else read_mounting(drive.mounting)
+    if mounting is not None and mounting.scanners:
+        raise OptionError(
+            f"Expected one scanner, [sensor], in {drive.mounting}, got several. Build the map of one of them."
+        )
+    scans = open_scans(path, drive.times, topic=drive.topic, at_stamp=drive.at_stamp)
+    _words_of(scans, quiet)
+    check_needs({"--poses-topic": drive.poses_topic}, {"a recording as --poses": is_recording(poses_path)})
+    if is_recording(poses_path):
+        frame = frame_of(scans, mounting)
+        poses = read_recorded_poses(poses_path, drive.poses_topic, is_odometry=True, sensor_frame=frame).trajectory
+    else:
+        poses = read_poses_of_scans(poses_path, scans.times)
+    if mounting is not None:
+        poses = mounting.of_odometry(poses)
+    opened = DeskewedScans(scans, poses, turn_time=drive.turn_time) if drive.deskew else scans
+    return PlacedScans(
+        opened, poses, path, min_range=drive.min_range, max_range=drive.max_range,
+        margin=HALF_A_TURN if drive.deskew else 0.0, poses_path=poses_path,
+    )  # fmt: skip
+
+
+def parse_objective(word: str) -> Objective:
+    """Return the objective of a name, or one's own, "package.module:Name", also of the working folder."""
+    module_name, colon, name = word.partition(":")
+    if not colon:
+        return as_objective(word)
+    sys.path.insert(0, "")
+    try:
+        found = getattr(import_module(module_name), name)
+        objective = as_objective(found() if isinstance(found, type) else found)
+    except OptionError:
+        raise
+    except Exception as error:  # the user's own code may fail in any way
+        raise OptionError(
+            f"Expected {word!r} to name an objective in a module that can be imported, got"
+            f" {type(error).__name__}: {error}. Write it as package.module:Name."
+        ) from error
+    finally:
+        sys.path.remove("")
+        if "" not in sys.path:
+            sys.path.append("")  # where workers look for it, too
+    scores_of(objective, np.array([[[[9.0, 5.0, 1.0, 4.0], [4.0, 3.0, 0.0, 1.0]]]]))  # fails before work begins
+    return objective

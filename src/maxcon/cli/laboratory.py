@@ -183,7 +183,7 @@ def study(
 
     Stopped or killed, the same command goes on; with other methods, priors or epochs it adds to the table.
     """
-    from maxcon.cli.options import parse_objective
+    from maxcon.cli.drive_inputs import parse_objective
     from maxcon.drive.localize import DriveOptions
     from maxcon.lab.dataset import Dataset
     from maxcon.lab.study import DEFAULT_SETS, choose_methods, installed_methods, run_study
@@ -266,7 +266,7 @@ class ReportOptions(OptionGroup):
 @flags
 def report(what: ReportOptions, quiet: Quiet = False) -> None:
     """Write the page of a study: claims, tables and figures in one file. Needs the extra demo."""
-    from maxcon.cli.options import parse_objective
+    from maxcon.cli.drive_inputs import parse_objective
     from maxcon.lab.report.study_report import report_study
 
     objective = None if what.objective is None else parse_objective(what.objective)

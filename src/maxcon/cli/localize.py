@@ -104,8 +104,7 @@ def localize(
     """
     from maxcon._system.engine import Engine
     from maxcon.cli import drive_output
-    from maxcon.cli.drive_inputs import DriveOpener, by_workers
-    from maxcon.cli.options import parse_objective
+    from maxcon.cli.drive_inputs import DriveOpener, by_workers, parse_objective
     from maxcon.drive.localize import DriveOptions
     from maxcon.drive.many import DriveEntry
     from maxcon.io.trajectories import read_trajectory

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from maxcon.cli.drive_of_map import DriveOptions
 from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclusive, flag, flags
 from maxcon.cli.georeference import georeference
-from maxcon.cli.options import AllowInexactCrs, Quiet, RangeOptions, Scheduler, ViewOptions
+from maxcon.cli.options import AllowInexactCrs, MappingDrive, Quiet, RangeOptions, Scheduler, ViewOptions
 from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
 from maxcon.errors import OptionError
 
@@ -153,7 +152,7 @@ class TileWorkers(OptionGroup, title="How it is done"):
 @app.command(cls=GroupedCommand)
 @flags
 def build(
-    cloud: CloudOptions, drive: DriveOptions, classes: ClassOptions, worker: TileWorkers, output: MapOutput,
+    cloud: CloudOptions, drive: MappingDrive, classes: ClassOptions, worker: TileWorkers, output: MapOutput,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Build a map of clouds, or of scans and their poses: drop classes, find normals, rasterize into voxels."""

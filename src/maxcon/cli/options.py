@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Options that several commands have, and the option groups of those that localize."""
 
-import sys
 from contextlib import AbstractContextManager, nullcontext
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,7 +12,7 @@ from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
-    from maxcon.search.objectives import Objective
+    from maxcon.mapping.placed_scans import PlacedScans
 
 SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
@@ -294,29 +292,44 @@ class ScoresOptions(ViewOptions, title="Output"):
         check_needs({"--scores": self.scores}, {"--view": self.view, "--save": self.save})
 
 
-def parse_objective(word: str) -> "Objective":
-    """Return the objective of a name, or one's own, "package.module:Name", also of the working folder."""
-    import numpy as np
+class MappingDrive(OptionGroup, title="Scans instead of clouds"):
+    """A drive that a map is made of."""
 
-    from maxcon.search.objectives import as_objective, scores_of
+    scans: Path | None = flag(
+        None, "Scans as `maxcon localize` takes them: a folder, or a recording.", metavar="FOLDER|RECORDING"
+    )
+    poses: Path | None = flag(
+        None,
+        "Where the scanner was, of a SLAM program for example: with times, interpolated; or KITTI's 12 numbers a line,"
+        " one line per scan. z is up.",
+        metavar="TUM|CSV|KITTI|RECORDING",
+    )
+    times: Times = None
+    topic: Topic = None
+    at_stamp: AtStamp = False
+    poses_topic: str | None = flag(None, "Which poses of a recording.", metavar="NAME")
+    mounting: Path | None = flag(
+        None, "Where [sensor] and [odometry] are in the vehicle, if the poses are not the scanner's.", metavar="TOML"
+    )
+    deskew: bool = flag(False, "Points have times, and are not deskewed: move them by the poses.")
+    turn_time: TurnTime = None
+    min_range: MinRange = 1.0
+    max_range: MaxRange = 120.0
+    keep_moving: bool = flag(False, "Keep what later rays went through; else it is gone, as in `maxcon map update`.")
 
-    module_name, colon, name = word.partition(":")
-    if not colon:
-        return as_objective(word)
-    sys.path.insert(0, "")
-    try:
-        found = getattr(import_module(module_name), name)
-        objective = as_objective(found() if isinstance(found, type) else found)
-    except OptionError:
-        raise
-    except Exception as error:  # the user's own code may fail in any way
-        raise OptionError(
-            f"Expected {word!r} to name an objective in a module that can be imported, got"
-            f" {type(error).__name__}: {error}. Write it as package.module:Name."
-        ) from error
-    finally:
-        sys.path.remove("")
-        if "" not in sys.path:
-            sys.path.append("")  # where workers look for it, too
-    scores_of(objective, np.array([[[[9.0, 5.0, 1.0, 4.0], [4.0, 3.0, 0.0, 1.0]]]]))  # fails before work begins
-    return objective
+    def __post_init__(self) -> None:
+        both = {"--scans": self.scans, "--poses": self.poses}
+        for name, value in both.items():
+            check_needs({name: value}, {other: given for other, given in both.items() if other != name})
+        others = {
+            "--times": self.times, "--topic": self.topic, "--at-stamp": self.at_stamp, "--deskew": self.deskew,
+            "--poses-topic": self.poses_topic, "--mounting": self.mounting, "--keep-moving": self.keep_moving,
+        }  # fmt: skip
+        check_needs(others, {"--scans": self.scans})
+        check_turn_time(self.turn_time, deskew=self.deskew)
+
+    def open(self, quiet: bool) -> "PlacedScans | None":
+        """Return the scans, placed by their poses; None if there are none."""
+        from maxcon.cli.drive_inputs import placed_scans
+
+        return None if self.scans is None or self.poses is None else placed_scans(self, self.scans, self.poses, quiet)

@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: MIT
 """PLY: ascii and binary of either byte order, any scalar types of properties."""
 
-from dataclasses import dataclass, field
 from typing import BinaryIO
-
-import numpy as np
 
 from maxcon.io.clouds.records import RecordLayout, RecordReader
 from maxcon.io.point_records import record_type
@@ -34,34 +31,21 @@ class PlyReader(RecordReader):
         stream.seek(0)
         order, elements = _parse(_header_lines(stream))
         start = stream.tell()
-        names = [element.name for element in elements]
+        names = [name for name, _, _ in elements]
         if "vertex" not in names:
             raise ValueError(f"no element 'vertex' among {', '.join(names) or 'none'}")
-        before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
-        for element in (*before, vertex):
-            if any(kind == LIST for _, kind in element.properties):
-                raise ValueError(f"a list in {element.name!r}: export the points alone, with scalar properties")
-        dtype = vertex.dtype(order)
-        least = dtype.itemsize if order else 2 * len(vertex.properties)  # a digit and a blank or line end each
+        types = []
+        for name, _, properties in elements[: names.index("vertex") + 1]:
+            if any(kind == LIST for _, kind in properties):
+                raise ValueError(f"a list in {name!r}: export the points alone, with scalar properties")
+            types.append(record_type([each for each, _ in properties], [order + kind for _, kind in properties]))
+        *before, n_points = (count for _, count, _ in elements[: len(types)])
+        least = types[-1].itemsize if order else 2 * len(types[-1].names or ())  # a digit and a blank or line end each
         if order:
-            start += sum(element.count * element.dtype(order).itemsize for element in before)
-        if vertex.count == 0 or start + vertex.count * least > size + 1:
-            raise ValueError(f"{vertex.count} vertices in {size} bytes: empty or truncated")
-        n_rows_before = sum(element.count for element in before)
-        return RecordLayout("binary" if order else "ascii", start, vertex.count, dtype, n_rows_before)
-
-
-@dataclass(slots=True)
-class _Element:
-    """One kind of row: its name, how many there are, and name and type of each property."""
-
-    name: str
-    count: int
-    properties: list[tuple[str, str]] = field(default_factory=list)
-
-    def dtype(self, order: str) -> np.dtype[np.void]:
-        """One row."""
-        return record_type([name for name, _ in self.properties], [order + kind for _, kind in self.properties])
+            start += sum(count * dtype.itemsize for count, dtype in zip(before, types[:-1], strict=True))
+        if n_points == 0 or start + n_points * least > size + 1:
+            raise ValueError(f"{n_points} vertices in {size} bytes: empty or truncated")
+        return RecordLayout("binary" if order else "ascii", start, n_points, types[-1], sum(before))
 
 
 def _header_lines(stream: BinaryIO) -> list[list[str]]:
@@ -79,10 +63,10 @@ def _header_lines(stream: BinaryIO) -> list[list[str]]:
         lines.append(words)
 
 
-def _parse(lines: list[list[str]]) -> tuple[str, list[_Element]]:
-    """Byte order ("" for ascii) and elements in order."""
+def _parse(lines: list[list[str]]) -> tuple[str, list[tuple[str, int, list[tuple[str, str]]]]]:
+    """Byte order ("" for ascii), and name and count of each element with names and types of its properties."""
     order: str | None = None
-    elements: list[_Element] = []
+    elements: list[tuple[str, int, list[tuple[str, str]]]] = []
     for words in lines:
         match words:
             case [] | ["comment" | "obj_info", *_]:
@@ -90,11 +74,11 @@ def _parse(lines: list[list[str]]) -> tuple[str, list[_Element]]:
             case ["format", kind, "1.0"] if kind in ORDERS and order is None:
                 order = ORDERS[kind]
             case ["element", name, count] if count.isascii() and count.isdigit() and len(count) < 19:
-                elements.append(_Element(name, int(count)))
+                elements.append((name, int(count), []))
             case ["property", "list", _, _, name] if elements:
-                elements[-1].properties.append((name, LIST))
+                elements[-1][2].append((name, LIST))
             case ["property", kind, name] if elements and kind in TYPES:
-                elements[-1].properties.append((name, TYPES[kind]))
+                elements[-1][2].append((name, TYPES[kind]))
             case _:
                 raise ValueError(f"the header line {' '.join(words)[:60]!r}")
     if order is None:
