@@ -72,7 +72,7 @@ def info(
 ) -> None:
     """Print topics, fields, how times of points are understood and why, rate, extent, and shares of points."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from maxcon.io.scans import describe
     from maxcon.io.text import printable
@@ -80,10 +80,8 @@ def info(
     found = describe(path, topic)
     console = Console(highlight=False, markup=False)  # names in files are no markup
     if found.topics:
-        topics = Table(box=None, pad_edge=False)
-        topics.add_column("topic", overflow="fold")
-        topics.add_column("type", overflow="fold")
-        topics.add_column("messages", justify="right")
+        names = [Column("topic", overflow="fold"), Column("type", overflow="fold"), Column("messages", justify="right")]
+        topics = Table(*names, box=None, pad_edge=False)
         for one in found.topics:
             topics.add_row(printable(one.name), printable(one.type), f"{one.n_messages:,}")
         console.print(topics)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_file_error, rows_at_a_time
-from maxcon.io.clouds.laz import LazChunks, check_layers, copc_chunks_within, read_laz_chunks
+from maxcon.io.clouds.laz import LazChunks, bytes_at, check_layers, copc_chunks_within, read_laz_chunks
 from maxcon.io.crs import FileCrs, read_file_crs
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ class LasReader(CloudReader):
             n_run = max(1, int(np.searchsorted(np.cumsum([chunks.n_points[k] for k in numbers]), n_most, "right")))
             run, numbers = numbers[:n_run], numbers[n_run:]
             sizes = [(chunks.n_points[k], chunks.n_bytes[k]) for k in run]
-            compressed = b"".join(_bytes_at(stream, chunks.starts[k], chunks.n_bytes[k]) for k in run)
+            compressed = b"".join(bytes_at(stream, chunks.starts[k], chunks.n_bytes[k]) for k in run)
             unpacked = np.zeros(sum(n for n, _ in sizes) * self._layout.record_length, dtype=np.uint8)
             selection = _needed().to_lazrs()
             lazrs.decompress_points_with_chunk_table(compressed, _laszip_record(header), unpacked, sizes, selection)
@@ -151,11 +151,6 @@ def _laszip_record(header: "laspy.LasHeader") -> bytes:
     return record
 
 
-def _bytes_at(stream: BinaryIO, start: int, length: int) -> bytes:
-    stream.seek(start)
-    return stream.read(length)
-
-
 class _Layout(NamedTuple):
     """Where the points and the extended records of a file are, as its header says, checked against its size."""
 
@@ -170,7 +165,7 @@ class _Layout(NamedTuple):
 def _read_layout(stream: BinaryIO) -> _Layout:
     """The layout of an open file; whether the points of a compressed one are there its table of chunks tells."""
     size = stream.seek(0, 2)
-    head = _bytes_at(stream, 0, 375).ljust(375, b"\0")
+    head = bytes_at(stream, 0, 375).ljust(375, b"\0")
     if size < HEADER_BYTES or head[:4] != b"LASF":
         raise ValueError(f"{size} bytes that begin with {head[: min(size, 4)]!r}, no LAS header")
     header_bytes, start, n_vlrs, kind, length, n_points = struct.unpack_from("<HIIBHI", head, 94)
@@ -197,7 +192,7 @@ def _read_layout(stream: BinaryIO) -> _Layout:
 
 def _read_crs(stream: BinaryIO, layout: _Layout) -> FileCrs:
     """The CRS of an open file; ValueError if its extended records are not there."""
-    at, _, n_records = struct.unpack("<HII", _bytes_at(stream, 94, 10))
+    at, _, n_records = struct.unpack("<HII", bytes_at(stream, 94, 10))
     extended = list(_records(stream, layout.evlr_start, layout.n_evlrs, EXTENDED_HEAD))
     if len(extended) < layout.n_evlrs:
         raise ValueError(f"the end of the file before the last of {layout.n_evlrs} extended records: truncated")
@@ -220,7 +215,7 @@ def _records(stream: BinaryIO, at: int, n_records: int, head: struct.Struct) -> 
     for _ in range(n_records):
         if at + head.size > size:
             return
-        user, number, length = head.unpack(_bytes_at(stream, at, head.size))
+        user, number, length = head.unpack(bytes_at(stream, at, head.size))
         at += head.size + length
         if at > size and head is EXTENDED_HEAD:  # of others what is there is looked at: it may be a damaged CRS
             return

@@ -41,6 +41,12 @@ class LazChunks(NamedTuple):
         return self.start + np.cumsum([0, *self.n_bytes[:-1]], dtype=np.int64)
 
 
+def bytes_at(stream: BinaryIO, start: int, length: int) -> bytes:
+    """Return so many bytes of a file from one on."""
+    stream.seek(start)
+    return stream.read(length)
+
+
 @contextmanager
 def laz_as_os_error() -> Iterator[None]:
     """Turn the compressor's own error for a full disk into OSError."""
@@ -62,8 +68,7 @@ def read_laz_chunks(stream: BinaryIO, start: int, record_length: int, n_points: 
         raise ValueError(f"compressed points of {vlr.item_size()} bytes, not {record_length}")
     size = stream.seek(0, 2)
     table = _table_offset(stream, start, size)
-    stream.seek(table)
-    n_chunks = struct.unpack("<II", stream.read(8))[1]
+    n_chunks = struct.unpack("<II", bytes_at(stream, table, 8))[1]
     if n_chunks * record_length > size:  # each chunk begins with an uncompressed point
         raise ValueError(f"{n_chunks} compressed chunks in {size} bytes")
     stream.seek(start)
@@ -86,8 +91,7 @@ def check_layers(stream: BinaryIO, chunks: LazChunks, record_length: int) -> Non
     for number, (at, n_points, n_bytes) in enumerate(rows):
         if n_points == 0 or n_bytes == 0:
             continue
-        stream.seek(at + record_length)
-        needed = record_length + sizes.size + sum(sizes.unpack(stream.read(sizes.size)))
+        needed = record_length + sizes.size + sum(sizes.unpack(bytes_at(stream, at + record_length, sizes.size)))
         if needed > n_bytes:
             raise ValueError(f"layers of {needed} bytes in chunk {number} of {n_bytes}")
 
@@ -107,8 +111,7 @@ def _count_layers(laszip_record: bytes) -> int:
 def _table_offset(stream: BinaryIO, start: int, size: int) -> int:
     """Offset of the chunk table; writers that could not seek put it at the very end of the file."""
     for position in (start, size - 8):
-        stream.seek(position)
-        (table,) = struct.unpack("<q", stream.read(8))
+        (table,) = struct.unpack("<q", bytes_at(stream, position, 8))
         if start + 8 <= table <= size - 8:
             return int(table)
         if table != -1:
@@ -118,8 +121,7 @@ def _table_offset(stream: BinaryIO, start: int, size: int) -> int:
 
 def copc_chunks_within(stream: BinaryIO, chunks: LazChunks, bounds: Bounds) -> NDArray[np.bool_] | None:
     """Return whether each chunk may have points in a rectangle, shape (n_chunks,); None for a file that is no COPC."""
-    stream.seek(HEADER_BYTES)
-    record = stream.read(RECORD_HEAD + OCTREE.size)
+    record = bytes_at(stream, HEADER_BYTES, RECORD_HEAD + OCTREE.size)
     if len(record) < RECORD_HEAD + OCTREE.size or record[2:20] != b"copc".ljust(16, b"\0") + b"\x01\x00":
         return None
     x, y, _, half, _, start, n_bytes = OCTREE.unpack_from(record, RECORD_HEAD)
@@ -147,8 +149,7 @@ def _octree_entries(stream: BinaryIO, start: int, n_bytes: int) -> NDArray[np.vo
         # Pages do not overlap: together they are no longer than the file.
         if length < 0 or length % ENTRY.itemsize or at + length > size or seen > size:
             raise ValueError(f"a page of its octree of {length} bytes at byte {at} of {size}")
-        stream.seek(at)
-        entries = np.frombuffer(stream.read(length), dtype=ENTRY)
+        entries = np.frombuffer(bytes_at(stream, at, length), dtype=ENTRY)
         if ((entries["level"] < 0) | (entries["level"] > DEEPEST)).any():
             raise ValueError(f"an octree of more than {DEEPEST} levels")
         found.append(entries)

@@ -117,15 +117,9 @@ def _listed(topics: Sequence[Topic]) -> str:
 @cache
 def message_types(encoding: str) -> Any:
     """Return rosbags' store of types of ROS 1 (encoding ros1) or ROS 2 (cdr), whose headers differ."""
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    return with_added_types(get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE))
-
-
-def with_added_types(store: Any) -> Any:
-    """Return a store of types, with those of `ADDED` that it lacks."""
-    from rosbags.typesys import get_types_from_msg
-
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
     for name, text in ADDED.items():
         if name not in store.types:
             store.register(get_types_from_msg(text, name))
@@ -144,10 +138,11 @@ def decode_message(message: Message) -> Any:
     )
 
 
-def encode_message(kind: str, content: dict[str, Any]) -> bytes:
-    """Return the bytes (cdr) of a message of ROS 2 from nested values; fields that are not given are 0."""
-    store = message_types("cdr")
-    return bytes(store.serialize_cdr(_built(store, kind, content), kind))
+def encode_message(kind: str, content: dict[str, Any], encoding: str = "cdr") -> bytes:
+    """Return the bytes of a message from nested values; fields that are not given are 0."""
+    store = message_types(encoding)
+    serialize = store.serialize_ros1 if encoding == "ros1" else store.serialize_cdr
+    return bytes(serialize(_built(store, kind, content), kind))
 
 
 def frame_name(text: str) -> str:
@@ -198,30 +193,28 @@ def write_recording(path: Path, kind: RecordingKind, entries: Iterable[Entry]) -
     """Write messages as a recording, which appears at its path once it is complete; an old file there is replaced."""
     check_writers()
     from rosbags import rosbag1, rosbag2
-    from rosbags.typesys import Stores, get_typestore
 
     with atomic_file(path) as partial:
         if kind is RecordingKind.ROS1:
-            store = with_added_types(get_typestore(Stores.ROS1_NOETIC))
             with rosbag1.Writer(partial) as bag:
-                write_bag(bag, store, store.serialize_ros1, entries)
+                write_bag(bag, entries, "ros1")
             return
-        store, folder = get_typestore(Stores.ROS2_HUMBLE), partial.with_name("ros2")
+        folder = partial.with_name("ros2")
         of_ros2 = rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
         of_ros2.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
         with of_ros2:
-            write_bag(of_ros2, store, store.serialize_cdr, entries)
+            write_bag(of_ros2, entries)
         (folder / "ros2.mcap").replace(partial)
 
 
-def write_bag(bag: Any, store: Any, serialize: Callable[[Any, str], Any], entries: Iterable[Entry]) -> None:
-    """Write messages into a bag of rosbags, encoded by `serialize`; those without a header get that of a sensor."""
+def write_bag(bag: Any, entries: Iterable[Entry], encoding: str = "cdr") -> None:
+    """Write messages into a bag of rosbags; those without a header get that of a sensor."""
     connections: dict[str, Any] = {}
     for entry in entries:
         if entry.topic not in connections:
-            connections[entry.topic] = bag.add_connection(entry.topic, entry.type, typestore=store)
-        content = _built(store, entry.type, {"header": header_of(entry.time, "sensor"), **entry.content})
-        bag.write(connections[entry.topic], round(entry.time * 1e9), serialize(content, entry.type))
+            connections[entry.topic] = bag.add_connection(entry.topic, entry.type, typestore=message_types(encoding))
+        content = {"header": header_of(entry.time, "sensor"), **entry.content}
+        bag.write(connections[entry.topic], round(entry.time * 1e9), encode_message(entry.type, content, encoding))
 
 
 def _built(store: Any, kind: str, values: dict[str, Any]) -> Any:
