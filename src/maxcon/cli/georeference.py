@@ -23,31 +23,26 @@ MOST_NAMED = 5  # outliers
 
 
 class PlaceOptions(OptionGroup):
-    """What is known of where a map lies."""
+    """What is known of where a map lies.
+
+    gnss: Positions of a receiver: NMEA, CSV (latitude, longitude), a recording; TUM, CSV in the CRS.
+    trajectory: Where the scanner was in the map, at the receiver's times, or poses for --poses-out.
+    mounting: Where [sensor] and [prior], the antenna, are in the vehicle; else at one place.
+    control: Control points: name; x,y,z in the map; east,north,height in the CRS; sigma, else 0.05 m.
+    level_sigma_deg: How well the map's z axis is known to be up, as of LiDAR-inertial programs, degrees.
+    """
 
     map_folder: Path = argument(..., "Map in coordinates of its own, of a SLAM program for example.", "MAP")
     crs: str = flag(..., "CRS of the new map, in metres.", metavar="EPSG:N|WKT")
     out: Path = flag(..., "Folder of the map to write.", "--out", "-o", metavar="MAP2")
-    gnss: Path | None = flag(
-        None,
-        "Positions of a receiver: NMEA, CSV (latitude, longitude), a recording; TUM, CSV in the CRS.",
-        metavar="FILE",
-    )
-    trajectory: Path | None = flag(
-        None, "Where the scanner was in the map, at the receiver's times, or poses for --poses-out.", metavar="TUM|CSV"
-    )
-    mounting: Path | None = flag(
-        None, "Where [sensor] and [prior], the antenna, are in the vehicle; else at one place.", metavar="TOML"
-    )
+    gnss: Path | None = flag(None, metavar="FILE")
+    trajectory: Path | None = flag(None, metavar="TUM|CSV")
+    mounting: Path | None = flag(None, metavar="TOML")
     gnss_topic: str | None = flag(None, "Which positions of a recording.", metavar="NAME")
     geoid_height: GeoidHeight = None
     allow_inexact_crs: AllowInexactCrs = False
-    control: Path | None = flag(
-        None, "Control points: name; x,y,z in the map; east,north,height in the CRS; sigma, else 0.05 m.", metavar="CSV"
-    )
-    level_sigma_deg: float | None = flag(
-        None, "How well the map's z axis is known to be up, as of LiDAR-inertial programs, degrees.", metavar="DEG"
-    )
+    control: Path | None = flag(None, metavar="CSV")
+    level_sigma_deg: float | None = flag(None, metavar="DEG")
     with_scale: bool = flag(False, "Distances in the map may be off by a factor, too.")
     residuals: Path | None = flag(None, "Also write the residuals.", metavar="CSV")
     picture: Path | None = flag(None, "Also draw them.", metavar="PNG|SVG")

@@ -146,33 +146,31 @@ def _print_demo(results: "DemoResults") -> None:
 
 
 class StudyOptions(OptionGroup, title="Inputs"):
-    """What is studied, and where."""
+    """What is studied, and where.
+
+    methods: Names of methods and sets (consensus, baselines, ground, weights, thinning, cells, density), and objectives
+        of your own, package.module:Name, each beside ours. Default: consensus,baselines; without those whose packages
+        are not installed.
+    prior: Prior of the dataset, or reference; repeatable. Default: all of the dataset.
+    """
 
     dataset: Path = argument(..., "Folder with a dataset.toml, or such a file.", "DATASET")
     out: Path = flag(..., "Folder; a study there goes on.", "--out", "-o", metavar="STUDY", rich_help_panel="Output")
-    methods: str | None = flag(
-        None,
-        "Names of methods and sets (consensus, baselines, ground, weights, thinning, cells, density), and objectives of"
-        " your own, package.module:Name, each beside ours. Default: consensus,baselines; without those whose packages"
-        " are not installed.",
-        metavar="LIST",
-        rich_help_panel="Method",
-    )
-    prior: list[str] | None = flag(
-        None, "Prior of the dataset, or reference; repeatable. Default: all of the dataset.", metavar="NAME"
-    )
+    methods: str | None = flag(None, metavar="LIST", rich_help_panel="Method")
+    prior: list[str] | None = flag(None, metavar="NAME")
     epochs: int | None = flag(None, "So many scans, evenly spread. Default: all.", metavar="N", min=1)
 
 
 class StudySpace(OptionGroup, title="Search space"):
-    """Where each method searches."""
+    """Where each method searches.
+
+    max_gap: Largest gap in prior and reference to interpolate across.
+    """
 
     half_width: float = flag(3.0, "Largest offset from the prior in x and y, m.", metavar="M")
     heading_half_width_deg: float = flag(2.0, "Largest turn from the prior's heading, degrees.", metavar="DEG")
     heading_step_deg: float = flag(0.5, "Step between headings, degrees.", metavar="DEG")
-    max_gap: float = flag(
-        0.5, "Largest gap in prior and reference to interpolate across.", metavar="S", rich_help_panel="Inputs"
-    )
+    max_gap: float = flag(0.5, metavar="S", rich_help_panel="Inputs")
 
 
 @flags

@@ -67,28 +67,23 @@ class RangeOptions(OptionGroup, title="Inputs"):
 
 
 class RecordingOptions(OptionGroup, title="Recordings and scanners"):
-    """What of a recording is used, and how; None for what is not given."""
+    """What of a recording is used, and how; None for what is not given.
+
+    prior_topic: Which poses of a recording are the prior: NavSatFix, Odometry, PoseStamped or
+        PoseWithCovarianceStamped.
+    prior_frames: The prior is the way of one frame in another by the recording's transforms (TF), map:base_link for
+        example.
+    mounting: Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses
+        become the scanner's.
+    """
 
     topic: Topic = None
-    prior_topic: str | None = flag(
-        None,
-        "Which poses of a recording are the prior: NavSatFix, Odometry, PoseStamped or PoseWithCovarianceStamped.",
-        metavar="NAME",
-    )
-    prior_frames: str | None = flag(
-        None,
-        "The prior is the way of one frame in another by the recording's transforms (TF), map:base_link for example.",
-        metavar="FIXED:MOVING",
-    )
+    prior_topic: str | None = flag(None, metavar="NAME")
+    prior_frames: str | None = flag(None, metavar="FIXED:MOVING")
     odometry_topic: str | None = flag(None, "Which poses of a recording are the odometry.", metavar="NAME")
     odometry_frames: str | None = flag(None, "Likewise the odometry: odom:base_link.", metavar="FIXED:MOVING")
     geoid_height: GeoidHeight = None
-    mounting: Path | None = flag(
-        None,
-        "Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses"
-        " become the scanner's.",
-        metavar="TOML",
-    )
+    mounting: Path | None = flag(None, metavar="TOML")
     at_stamp: AtStamp = False
     time_offset: float = flag(0.0, "Added to the times of the prior and of the odometry.", metavar="S")
 
@@ -98,14 +93,13 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
 
 
 class MotionOptions(OptionGroup, title="Motion"):
-    """What is known and made of the vehicle's motion."""
+    """What is known and made of the vehicle's motion.
+
+    odometry: With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.
+    """
 
     track: bool = flag(False, "Search each scan only where the one before and the motion since allow it to be.")
-    odometry: Path | None = flag(
-        None,
-        "With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
-        metavar="TUM|CSV|RECORDING",
-    )
+    odometry: Path | None = flag(None, metavar="TUM|CSV|RECORDING")
     drift: float | None = flag(None, "Error of the odometry as a share of the way; 0.02 if not given.", metavar="SHARE")
     deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
     turn_time: TurnTime = None
@@ -138,69 +132,50 @@ class Outputs(OptionGroup, title="Output"):
 
 
 class MethodOptions(OptionGroup, title="Method"):
-    """How a scan is searched for in the map."""
+    """How a scan is searched for in the map.
 
-    objective: str = flag(
-        "helmert",
-        "What a cell is worth: helmert, count, max-eigenvalue, or your own package.module:Name.",
-        metavar="NAME",
-    )
+    objective: What a cell is worth: helmert, count, max-eigenvalue, or your own package.module:Name.
+    weighting: Weight of a match: the cosine between the normals, and 1/2 where the scan point has none; as published,
+        where it is 0 then; or one.
+    thinning: With --cell: search with one point of a scan per cube of this edge, m; 0: all, as published.
+    search: How the best cell is found; it is the same one.
+    """
+
+    objective: str = flag("helmert", metavar="NAME")
     multiplicity: Literal["occupied", "points"] = flag("occupied", "A match weighs one, or its voxel's map points.")
-    weighting: Literal["cosine", "published", "one"] = flag(
-        "cosine",
-        "Weight of a match: the cosine between the normals, and 1/2 where the scan point has none; as published,"
-        " where it is 0 then; or one.",
-    )
-    thinning: float = flag(
-        0.25,
-        "With --cell: search with one point of a scan per cube of this edge, m; 0: all, as published.",
-        metavar="M",
-    )
-    search: Literal["exhaustive", "branch-and-bound"] = flag(
-        "branch-and-bound", "How the best cell is found; it is the same one."
-    )
+    weighting: Literal["cosine", "published", "one"] = flag("cosine")
+    thinning: float = flag(0.25, metavar="M")
+    search: Literal["exhaustive", "branch-and-bound"] = flag("branch-and-bound")
     refinement: bool = flag(True, "Adjust the pose of the best cell to the surfaces of the map, and examine it there.")
     known_only: bool = flag(False, "In an updated map: leave out what is new, too, not only what is gone.")
 
 
 class SpaceOptions(OptionGroup, title="Search space"):
-    """Where a scan is searched for around its prior; None for what is not given."""
+    """Where a scan is searched for around its prior; None for what is not given.
+
+    half_width: Largest offset from the prior in x and y, m; else of the prior's covariances, or 12.
+    heading_half_width_deg: Largest turn from the prior's heading, degrees; likewise, or 10.
+    height_half_width: Largest offset from the prior in z, m, searched where the ground does not tell the height; a
+        multiple of the cell. 0 if not given: the height is the prior's there.
+    sigma_position: Instead of half widths: standard deviation of every prior's x, and of its y, m.
+    sigmas: How many standard deviations to search, these or the prior's own; 3 if not given.
+    largest_half_width: No search within standard deviations is wider than this, nor one that is repeated, twice as wide
+        each time, where the answer is in doubt, m; 24 if not given.
+    cell: Search in cells of this edge alone, m: the map's, or 2, 4, ... 32 times it. If neither this nor a heading step
+        is given, coarse to fine.
+    heading_step_deg: Step between headings, degrees; 0.5 beside --cell, if not given.
+    """
 
     wider: float = flag(12.0, "Search so far around an answer that is in doubt, m; 0: never.", metavar="M")
-    half_width: float | None = flag(
-        None, "Largest offset from the prior in x and y, m; else of the prior's covariances, or 12.", metavar="M"
-    )
-    heading_half_width_deg: float | None = flag(
-        None, "Largest turn from the prior's heading, degrees; likewise, or 10.", metavar="DEG"
-    )
-    height_half_width: float | None = flag(
-        None,
-        "Largest offset from the prior in z, m, searched where the ground does not tell the height; a multiple of"
-        " the cell. 0 if not given: the height is the prior's there.",
-        metavar="M",
-    )
-    sigma_position: float | None = flag(
-        None, "Instead of half widths: standard deviation of every prior's x, and of its y, m.", metavar="M"
-    )
+    half_width: float | None = flag(None, metavar="M")
+    heading_half_width_deg: float | None = flag(None, metavar="DEG")
+    height_half_width: float | None = flag(None, metavar="M")
+    sigma_position: float | None = flag(None, metavar="M")
     sigma_heading_deg: float | None = flag(None, "Standard deviation of its heading, degrees.", metavar="DEG")
-    sigmas: float | None = flag(
-        None, "How many standard deviations to search, these or the prior's own; 3 if not given.", metavar="K"
-    )
-    largest_half_width: float | None = flag(
-        None,
-        "No search within standard deviations is wider than this, nor one that is repeated, twice as wide each time,"
-        " where the answer is in doubt, m; 24 if not given.",
-        metavar="M",
-    )
-    cell: float | None = flag(
-        None,
-        "Search in cells of this edge alone, m: the map's, or 2, 4, ... 32 times it. If neither this nor a heading"
-        " step is given, coarse to fine.",
-        metavar="M",
-    )
-    heading_step_deg: float | None = flag(
-        None, "Step between headings, degrees; 0.5 beside --cell, if not given.", metavar="DEG"
-    )
+    sigmas: float | None = flag(None, metavar="K")
+    largest_half_width: float | None = flag(None, metavar="M")
+    cell: float | None = flag(None, metavar="M")
+    heading_step_deg: float | None = flag(None, metavar="DEG")
 
     def __post_init__(self) -> None:
         position, heading = {"--sigma-position": self.sigma_position}, {"--sigma-heading-deg": self.sigma_heading_deg}
@@ -215,15 +190,15 @@ class SpaceOptions(OptionGroup, title="Search space"):
 
 
 class Certainty(OptionGroup, title="Certainty"):
-    """From where on an answer is not trusted."""
+    """From where on an answer is not trusted.
+
+    least_share: An answer that fewer of the scan's points match is not trusted. Lower it for thin maps.
+    largest_runner_up: Not trusted if the second best place scores more than this fraction of the best.
+    """
 
     risk: Risk = 0.01
-    least_share: float = flag(
-        0.05, "An answer that fewer of the scan's points match is not trusted. Lower it for thin maps.", metavar="0..1"
-    )
-    largest_runner_up: float = flag(
-        0.8, "Not trusted if the second best place scores more than this fraction of the best.", metavar="0..1"
-    )
+    least_share: float = flag(0.05, metavar="0..1")
+    largest_runner_up: float = flag(0.8, metavar="0..1")
 
 
 class TableOptions(OptionGroup, title="Output"):
@@ -238,21 +213,23 @@ class TableOptions(OptionGroup, title="Output"):
 
 
 class WorkerOptions(OptionGroup, title="How it is done"):
-    """Who does the work: this process if neither is given."""
+    """Who does the work: this process if neither is given.
 
-    workers: int | None = flag(
-        None, "Processes, about 1 GiB each; 1: all in this one. Default: as many as processors.", metavar="N", min=1
-    )
+    workers: Processes, about 1 GiB each; 1: all in this one. Default: as many as processors.
+    """
+
+    workers: int | None = flag(None, metavar="N", min=1)
     scheduler: Scheduler = None
 
 
 class ViewOptions(OptionGroup, title="Output"):
-    """Whether a drive is shown, or recorded; both need the extra view."""
+    """Whether a drive is shown, or recorded; both need the extra view.
+
+    save: Write what --view shows as a recording; `rerun FILE` opens it (extra view).
+    """
 
     view: bool = flag(False, "Show the map, and of a drive scans and answers as they come, in Rerun (extra view).")
-    save: Path | None = flag(
-        None, "Write what --view shows as a recording; `rerun FILE` opens it (extra view).", metavar="FILE.rrd"
-    )
+    save: Path | None = flag(None, metavar="FILE.rrd")
 
     @property
     def is_wanted(self) -> bool:
@@ -293,24 +270,21 @@ class ScoresOptions(ViewOptions, title="Output"):
 
 
 class MappingDrive(OptionGroup, title="Scans instead of clouds"):
-    """A drive that a map is made of."""
+    """A drive that a map is made of.
 
-    scans: Path | None = flag(
-        None, "Scans as `maxcon localize` takes them: a folder, or a recording.", metavar="FOLDER|RECORDING"
-    )
-    poses: Path | None = flag(
-        None,
-        "Where the scanner was, of a SLAM program for example: with times, interpolated; or KITTI's 12 numbers a line,"
-        " one line per scan. z is up.",
-        metavar="TUM|CSV|KITTI|RECORDING",
-    )
+    scans: Scans as `maxcon localize` takes them: a folder, or a recording.
+    poses: Where the scanner was, of a SLAM program for example: with times, interpolated; or KITTI's 12 numbers a line,
+        one line per scan. z is up.
+    mounting: Where [sensor] and [odometry] are in the vehicle, if the poses are not the scanner's.
+    """
+
+    scans: Path | None = flag(None, metavar="FOLDER|RECORDING")
+    poses: Path | None = flag(None, metavar="TUM|CSV|KITTI|RECORDING")
     times: Times = None
     topic: Topic = None
     at_stamp: AtStamp = False
     poses_topic: str | None = flag(None, "Which poses of a recording.", metavar="NAME")
-    mounting: Path | None = flag(
-        None, "Where [sensor] and [odometry] are in the vehicle, if the poses are not the scanner's.", metavar="TOML"
-    )
+    mounting: Path | None = flag(None, metavar="TOML")
     deskew: bool = flag(False, "Points have times, and are not deskewed: move them by the poses.")
     turn_time: TurnTime = None
     min_range: MinRange = 1.0
