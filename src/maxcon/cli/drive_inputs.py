@@ -310,9 +310,7 @@ def placed_scans(drive: MappingDrive, path: Path, poses_path: Path, quiet: bool)
     """Return scans that a map is made of, placed by their poses."""
     mounting = None if drive.mounting is None else read_mounting(drive.mounting)
     if mounting is not None and mounting.scanners:
-        raise OptionError(
-            f"Expected one scanner, [sensor], in {drive.mounting}, got several. Build the map of one of them."
-        )
+        raise OptionError(f"Expected one scanner, [sensor], in {drive.mounting}, got several. Build a map of one.")
     scans = open_scans(path, drive.times, topic=drive.topic, at_stamp=drive.at_stamp)
     _words_of(scans, quiet)
     check_needs({"--poses-topic": drive.poses_topic}, {"a recording as --poses": is_recording(poses_path)})

@@ -53,9 +53,7 @@ def check_outputs(
     if len(set(named)) < len(named):
         raise OptionError("Expected different files as --prior, --out, --tum and --report, got one twice. Rename one.")
     if out.suffix.lower() not in ("", ".csv", ".txt"):
-        raise OptionError(
-            f"Expected a .csv as --out, got {out}. Write POSES.csv; `maxcon export` turns it into other formats."
-        )
+        raise OptionError(f"Expected a .csv as --out, got {out}. Write .csv; `maxcon export` turns it into others.")
     if report is not None:
         if report.suffix.lower() not in PAGES:
             raise OptionError(f"Expected a page {' or '.join(PAGES)} as --report, got {report}. Rename it.")

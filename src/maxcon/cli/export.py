@@ -90,9 +90,7 @@ def check_out(source: Path, out: Path, *, overwrite: bool) -> None:
             raise OptionError("Expected another file to export to, got what is exported. Rename it.")
         check_writable(path)
         if path.is_file() and not overwrite:
-            raise FileError(
-                f"Expected {path} not to exist yet, but it does. Replace it (--overwrite), or name another."
-            )
+            raise FileError(f"Expected {path} not to exist yet, but it does. Replace it (--overwrite) or name another.")
 
 
 def _map_of(map_folder: Path, table: Path, rows: "list[PoseRow]") -> "PointMap":

@@ -122,9 +122,7 @@ def check_needs(options: Mapping[str, object], needed: Mapping[str, object]) -> 
     """Refuse options where none of those is given that they act on: OptionError."""
     given = _given(options)
     if given and not _given(needed):
-        raise OptionError(
-            f"Expected {given[0]} together with {' or '.join(needed)}, got it alone. Add that, or leave it out."
-        )
+        raise OptionError(f"Expected {given[0]} together with {' or '.join(needed)}, got it alone. Give both or none.")
 
 
 def _given(options: Mapping[str, object]) -> list[str]:

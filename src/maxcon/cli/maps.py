@@ -152,9 +152,7 @@ def build(
             f" `maxcon map copy FOLDER {address}`."
         )
     if output.cell is not None and 1.0 < output.cell <= 100.0:
-        raise OptionError(
-            f"Expected a voxel edge --cell in metres, up to 1, got {output.cell:g}. In centimetres? 0.06 is usual."
-        )
+        raise OptionError(f"Expected --cell in metres, up to 1, got {output.cell:g}. In centimetres? 0.06 is usual.")
     left_out = {"--drop": classes.drop, "--vehicle-class": classes.vehicle_class}
     check_exclusive({"--keep-all": classes.keep_all}, left_out)
     of_clouds = {

@@ -206,11 +206,9 @@ def write_degrees(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -
     """Write CSV of every epoch: time (s), position (m), angles (degrees) and all else; `read_trajectory` reads it."""
     with atomic_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        for number, row in enumerate(rows):
-            cells = properties(row)
-            if number == 0:
-                writer.writerow(cells)
-            writer.writerow("" if value is None else _text(name, value) for name, value in cells.items())
+        writer.writerow(properties(rows[0]))
+        for row in rows:
+            writer.writerow("" if value is None else _text(name, value) for name, value in properties(row).items())
 
 
 def _text(name: str, value: float | str) -> str:

@@ -40,13 +40,11 @@ SENTENCE = re.compile(rb"\$([A-Z]{5},[ -#%-)+-~]{0,200})(?:\*([0-9A-Fa-f]{2}))?"
 BEGINNING = 2**16
 DAY = 86400.0
 SIGMAS_OF_ONE = {1: 5.0, 2: 2.0, 3: 2.0, 4: 0.05, 5: 0.5}
-"""Standard deviation of east, and of north, m, that a HDOP of 1 is taken to mean, by GGA's quality: single,
-differential, PPS, RTK fixed, RTK float. Others, such as dead reckoning, state nothing."""
+"""Sigmas of east and north, m, for a HDOP of 1, by GGA's quality: single, differential, PPS, RTK fixed, float."""
 GNS_QUALITY = (("R", 4), ("F", 5), ("D", 2), ("P", 3), ("A", 1), ("E", 6))
 N_COLUMNS = {"no fix": 2, "time": 2, "date": 2, "sigmas": 4, "position": 7, "HDT": 6, "PASHR": 6}
-"""Of what is kept of sentences; the first is the place in the log, the second a time of the day, s (a date: s since
-1970). Then sigmas of east and north, m; latitude, longitude, degrees, altitude, geoid, m, and a sigma that is assumed,
-m; or azimuth, roll to starboard, nose up and sigma of the azimuth, degrees. What is not said is NaN."""
+"""Of what is kept of sentences: the place in the log, a time of the day, s (a date: s since 1970); then what `_said`
+says, sigmas of east and north, m, say, or azimuth, roll to starboard, nose up and its sigma, degrees; else NaN."""
 TIMED = ("GGA", "GNS", "RMC", "ZDA", "GST", "PASHR")  # sentences that begin with a time of the day
 
 

@@ -86,9 +86,7 @@ class Scans(ABC):
 def check_range(min_range: float, max_range: float) -> None:
     """OptionError if not 0 <= min_range < max_range (m)."""
     if not 0.0 <= min_range < max_range:
-        raise OptionError(
-            f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults are 1 and 120 m."
-        )
+        raise OptionError(f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. Usual: 1, 120 m.")
 
 
 def scan_within(

@@ -21,16 +21,7 @@ from maxcon.io.clouds.base import as_float64
 from maxcon.io.clouds.pcd import PcdReader
 from maxcon.io.point_records import CloudPoints, PointTimes, are_returns, find_point_times, times_and_rings, words_of
 from maxcon.io.raw_scan import RawScan, Scans, check_range, scan_within
-from maxcon.io.recordings.clouds import (
-    CLOUD,
-    VELODYNE,
-    CloudSource,
-    RecordedScans,
-    TopicOfClouds,
-    open_clouds,
-    topic_of_clouds,
-    topics_of_capture,
-)
+from maxcon.io.recordings import clouds as recorded
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording, open_recording
 from maxcon.io.recordings.recording import Topic
 from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float, reading
@@ -75,9 +66,7 @@ def read_scan_file(file: Path, stamp: int = 0) -> CloudPoints:
 
 def _check_count(file: Path, n_points: int) -> None:
     if n_points > MAX_SCAN_POINTS:
-        raise FileError(
-            f"Expected a scan of at most {MAX_SCAN_POINTS:,} points, got {n_points:,} in {file}. Is it a map?"
-        )
+        raise FileError(f"Expected a scan of at most {MAX_SCAN_POINTS:,} points, got {n_points:,} in {file}. A map?")
 
 
 def _read_floats(file: Path) -> tuple[NDArray[np.float64], str]:
@@ -86,9 +75,7 @@ def _read_floats(file: Path) -> tuple[NDArray[np.float64], str]:
     values = np.fromfile(file, dtype="<f4")
     sizes = np.abs(values[np.isfinite(values)])
     if np.count_nonzero((sizes > MOST) | ((sizes > 0.0) & (sizes < LEAST))) > 0.1 * values.size:
-        raise FileError(
-            f"Expected float32 x, y, z, reflectance in {file}, got others. Are they float64? Write float32."
-        )
+        raise FileError(f"Expected float32 x, y, z, reflectance in {file}, got others. Is it float64? Write float32.")
     if n_bytes and n_bytes % 12 == 0 and _are_triples(values):
         return as_float64(values.reshape(-1, 3)), "x float32, y float32, z float32"
     if n_bytes == 0 or n_bytes % 16:
@@ -164,10 +151,8 @@ def open_scans(
             )
         return open_scan_folder(path, times)
     if times is not None:
-        raise OptionError(
-            f"Expected no times beside the recording {os.fspath(path)}: its messages have their own. Leave them out."
-        )
-    return RecordedScans(open_clouds(path, topic), at_stamp=at_stamp)
+        raise OptionError(f"Expected no times beside the recording {os.fspath(path)}: it has its own. Leave them out.")
+    return recorded.RecordedScans(recorded.open_clouds(path, topic), at_stamp=at_stamp)
 
 
 def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None) -> ScanFolder:
@@ -245,17 +230,19 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
         reads = ((float(time), partial(scans.cloud, i)) for i, time in enumerate(scans.times))
         return RecordingDescription((), (), (_described(str(path), len(scans), reads),))
     if Path(path).suffix.lower() == CAPTURE_SUFFIX:
-        with closing(open_clouds(path)) as source:
+        with closing(recorded.open_clouds(path)) as source:
             n_turns = sum(1 for _ in source.clouds())
             scanner = _described(source.label, n_turns, _reads(source))
-        return RecordingDescription(topics_of_capture(Path(path)), (), (scanner,))
+        return RecordingDescription(recorded.topics_of_capture(Path(path)), (), (scanner,))
     with open_recording(path) as recording:
-        chosen = recording.of_type(CLOUD, VELODYNE) if topic is None else [topic_of_clouds(recording, topic)]
-        scanners = [_described(each.name, each.n_messages, _reads(TopicOfClouds(recording, each))) for each in chosen]
+        with_clouds = recording.of_type(recorded.CLOUD, recorded.VELODYNE)
+        chosen = with_clouds if topic is None else [recorded.topic_of_clouds(recording, topic)]
+        sources = [(each, recorded.TopicOfClouds(recording, each)) for each in chosen]
+        scanners = [_described(each.name, each.n_messages, _reads(source)) for each, source in sources]
         return RecordingDescription(recording.topics, recording.notes, tuple(scanners))
 
 
-def _reads(source: CloudSource) -> Iterator[tuple[float, Callable[[], CloudPoints]]]:
+def _reads(source: recorded.CloudSource) -> Iterator[tuple[float, Callable[[], CloudPoints]]]:
     return ((cloud.stamp * 1e-9, cloud.points) for cloud in source.clouds())
 
 

@@ -60,10 +60,8 @@ class LasReader(CloudReader):
         n_most = rows_at_a_time(max_points, self._layout.record_length)
         # The decompressor of parts works in parallel, and on whole chunks.
         if bounds is not None and chunks is not None and os.getpid() == PROCESS and max(chunks.n_points) <= n_most:
-            with (
-                as_file_error(self.header.path, "a COPC file, to read a part of it"),
-                self.header.path.open("rb") as stream,
-            ):
+            file, what = self.header.path, "a COPC file, to read a part of it"
+            with as_file_error(file, what), file.open("rb") as stream:
                 is_wanted = copc_chunks_within(stream, chunks, bounds)
                 if is_wanted is not None:
                     numbers = np.flatnonzero(is_wanted).tolist()

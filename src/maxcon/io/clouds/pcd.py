@@ -46,13 +46,12 @@ class PcdReader(RecordReader):
 
     def _pieces(self, n_most: int) -> Iterator[Mapping[str, NDArray[Any]]]:
         if self._layout.encoding != "binary_compressed":
-            yield from super()._pieces(n_most)
-            return
+            return super()._pieces(n_most)
         with as_file_error(self.header.path, self.kind), self.header.path.open("rb") as stream:
             stream.seek(self._layout.start)
             columns = self._unpacked(stream)
-        for start in range(0, self._layout.n_points, n_most):
-            yield {name: values[start : start + n_most] for name, values in columns.items()}
+        starts = range(0, self._layout.n_points, n_most)
+        return ({name: values[k : k + n_most] for name, values in columns.items()} for k in starts)
 
     def _unpacked(self, stream: BinaryIO) -> dict[str, NDArray[Any]]:
         """All points of a compressed file, in columns by the names of their fields."""

@@ -7,7 +7,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,10 +65,8 @@ class XyzReader(CloudReader):
 @contextmanager
 def _opened(file: Path) -> Iterator[Iterator[tuple[int, str]]]:
     """Yield the lines of a file that are not empty, and their numbers among these; a byte order mark is left out."""
-    with (
-        as_file_error(file, KIND),
-        io.TextIOWrapper(open_regular(file), encoding="utf-8-sig", errors="replace", newline="\n") as stream,
-    ):
+    how: Any = {"encoding": "utf-8-sig", "errors": "replace", "newline": "\n"}
+    with as_file_error(file, KIND), io.TextIOWrapper(open_regular(file), **how) as stream:
         yield enumerate(map(str.strip, text_lines(stream)))
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from maxcon._system import Progress
 from maxcon.errors import FileError, needs_extra
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.point_records import CloudPoints, PointTimes, decode_points, decode_times, records_of_message
+from maxcon.io.point_records import CloudPoints, decode_points, decode_times, records_of_message
 from maxcon.io.raw_scan import RawScan, Scans, scan_within
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
 from maxcon.io.recordings.recording import Message, Recording, Topic, choose_topic, decode_message, frame_of, stamp_of
@@ -47,13 +47,10 @@ class RecordedCloud:
 
     def points(self) -> CloudPoints:
         """Return its returns; FileError if it is broken."""
-        return self._decoded(decode_points)
+        return self.decoded(decode_points)
 
-    def times(self) -> PointTimes:
-        """Return the times of its returns; FileError if it is broken."""
-        return self._decoded(decode_times)
-
-    def _decoded(self, decode: Callable[[NDArray[np.void], int], T]) -> T:
+    def decoded(self, decode: Callable[[NDArray[np.void], int], T]) -> T:
+        """Return what is made of its points and its time; FileError if it is broken."""
         if isinstance(self.records, FileError):
             raise self.records
         with as_file_error(Path(self.label), "a point cloud"):
@@ -269,7 +266,7 @@ class RecordedScans(Scans):
             recorded.append(cloud.recorded)
             offset = 0.0
             try:
-                found = cloud.times()
+                found = cloud.decoded(decode_times)
             except FileError:
                 kinds["not readable"] += 1
             else:

@@ -48,9 +48,7 @@ def parse_frames(text: str, option: str) -> tuple[str, str]:
     """Return the two frames of "map:base_link"; OptionError if these are not two names."""
     frames = tuple(frame_name(part) for part in text.split(":"))
     if len(frames) != 2 or not all(frames):
-        raise OptionError(
-            f"Expected {option} as FIXED:MOVING, the names of two frames, got {text!r}. For instance map:base_link."
-        )
+        raise OptionError(f"Expected {option} as FIXED:MOVING, two frames, got {text!r}. For instance map:base_link.")
     return frames[0], frames[1]
 
 
