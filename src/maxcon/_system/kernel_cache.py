@@ -33,8 +33,7 @@ UNUSED_SECONDS = 30 * 86400.0  # code of other contents is removed that was not 
 def njit(*, cache: bool = False, counts_references: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return numba's `njit`, where a division by zero gives what it gives in numpy: loops are vectorized then.
 
-    cache: whether the code is kept in `code_folder`, if there is one. counts_references: of the arrays, by an atomic
-    instruction each, half of the time of what looks up one voxel; what neither makes nor returns arrays does without.
+    counts_references: of arrays, by an atomic instruction each: what neither makes nor returns arrays does without.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:

@@ -32,11 +32,9 @@ def export_poses(
     point_map: PointMap | None = None, scans: Scans | None = None, has_scores: bool = False,
     min_range: float = 1.0, max_range: float = 120.0,
 ) -> list[PoseRow]:  # fmt: skip
-    """Write the poses of POSES.csv, or of a drive's Parquet file, for another program; return all rows.
+    """Write POSES.csv, or a drive's Parquet file, for another program, by the suffix; return all rows.
 
-    out: a file of one of `EXPORT_SUFFIXES`. crs: code or WKT of the coordinates, where the table does not say it.
-    point_map, scans, min_range, max_range: what .mcap and .rrd show, thinned, without points nearer or farther, m.
-    has_scores: whether .rrd shows scores of cells, too, of a search anew around each prior, as by default.
+    crs: code or WKT of the coordinates, where the table does not say it. has_scores: whether .rrd shows those of cells.
     """
     path, suffix = Path(out), Path(out).suffix.lower()
     rows, crs = _rows_to_export(table, suffix, EXPORT_SUFFIXES, crs)

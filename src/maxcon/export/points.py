@@ -98,11 +98,7 @@ def scan_of_row(row: PoseRow, scans: Scans) -> int:
 def export_map(
     map_: str | os.PathLike[str], out: str | os.PathLike[str], *, progress: Progress | None = None
 ) -> tuple[int, int]:
-    """Write a map as points in its CRS, .laz, .las or .ply; return how many voxels and heights of the ground there are.
-
-    A voxel has the mean, the mean normal (zeros where there is none) and the number of its map points; `change` is 0
-    (known), 1 (gone) or 2 (new) by map updates. A height of the ground stands in the middle of its cell, with count 0.
-    """
+    """Write a map as points in its CRS, .laz, .las or .ply (docs/exports.md); return how many voxels and heights."""
     path = Path(out)
     if path.suffix.lower() not in MAP_SUFFIXES:
         raise OptionError(f"Expected a file of points with suffix {', '.join(MAP_SUFFIXES)}, got {path}. Rename it.")

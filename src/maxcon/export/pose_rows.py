@@ -176,10 +176,7 @@ def _column(values: list[float | str | None]) -> NDArray[np.generic]:
 
 
 def write_kml(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
-    """Write KML: the way as a line and each localized epoch as a point with its heading, on the ground.
-
-    KML counts heights from the sea, and a map's CRS mostly does not say what its are counted from.
-    """
+    """Write KML: the way as a line, each localized epoch as a point, on the ground: KML counts heights from the sea."""
 
     def add(parent: ElementTree.Element, **texts: str) -> ElementTree.Element:
         for name, text in texts.items():

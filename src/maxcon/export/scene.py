@@ -20,14 +20,7 @@ from maxcon.export.points import scan_of_row
 from maxcon.export.pose_rows import PoseRow, covariance_of
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.crs import to_wgs84
-from maxcon.io.recordings.recording import (
-    Entry,
-    RecordingKind,
-    cloud_content,
-    header_of,
-    position_and_turn,
-    write_recording,
-)
+from maxcon.io.recordings import recording as ros
 from maxcon.io.scans import Scans
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
@@ -167,10 +160,10 @@ def with_rerun() -> Any:
 
 def write_mcap(path: Path, scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]) -> None:
     """Write a drive, which has localized epochs, as topics of an MCAP file; each message has the time of its epoch."""
-    write_recording(path, RecordingKind.MCAP, _entries(scene, rows, epochs))
+    ros.write_recording(path, ros.RecordingKind.MCAP, _entries(scene, rows, epochs))
 
 
-def _entries(scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]) -> Iterator[Entry]:
+def _entries(scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]) -> Iterator[ros.Entry]:
     poses = [row.pose for row in rows if row.pose is not None]
     places = [(pose.x, pose.y) for pose in poses]
     lonlats = iter(() if scene.crs is None else to_wgs84(scene.crs, places))
@@ -192,34 +185,34 @@ def _entries(scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]
             yield _fix(row, row.pose.z, next(lonlats))
 
 
-def _cloud(time: float, topic: str, frame: str, points: NDArray[np.float32]) -> Entry:
-    content = {"header": header_of(time, frame), **cloud_content(dict(zip("xyz", points.T, strict=True)))}
-    return Entry(time, topic, "sensor_msgs/msg/PointCloud2", content)
+def _cloud(time: float, topic: str, frame: str, points: NDArray[np.float32]) -> ros.Entry:
+    content = {"header": ros.header_of(time, frame), **ros.cloud_content(dict(zip("xyz", points.T, strict=True)))}
+    return ros.Entry(time, topic, "sensor_msgs/msg/PointCloud2", content)
 
 
-def _status(row: PoseRow) -> Entry:
+def _status(row: PoseRow) -> ros.Entry:
     level = INFO if row.status == Status.LOCALIZED else WARN
-    content = {"stamp": header_of(row.time, "")["stamp"], "level": level, "name": "maxcon", "msg": row.words}
-    return Entry(row.time, "/status", "rcl_interfaces/msg/Log", {**content, "file": "", "function": ""})
+    content = {"stamp": ros.header_of(row.time, "")["stamp"], "level": level, "name": "maxcon", "msg": row.words}
+    return ros.Entry(row.time, "/status", "rcl_interfaces/msg/Log", {**content, "file": "", "function": ""})
 
 
-def _pose(row: PoseRow, pose: Pose) -> Entry:
-    place = {"pose": position_and_turn(pose, ("position", "orientation")), "covariance": covariance_of(row).ravel()}
-    content = {"header": header_of(row.time, MAP_FRAME), "pose": place}
-    return Entry(row.time, "/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", content)
+def _pose(row: PoseRow, pose: Pose) -> ros.Entry:
+    place = {"pose": ros.position_and_turn(pose, ("position", "orientation")), "covariance": covariance_of(row).ravel()}
+    content = {"header": ros.header_of(row.time, MAP_FRAME), "pose": place}
+    return ros.Entry(row.time, "/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", content)
 
 
-def _transform(time: float, topic: str, parent: str, child: str, pose: Pose) -> Entry:
-    place = position_and_turn(pose, ("translation", "rotation"))
-    content = {"header": header_of(time, parent), "child_frame_id": child, "transform": place}
-    return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [content]})
+def _transform(time: float, topic: str, parent: str, child: str, pose: Pose) -> ros.Entry:
+    place = ros.position_and_turn(pose, ("translation", "rotation"))
+    content = {"header": ros.header_of(time, parent), "child_frame_id": child, "transform": place}
+    return ros.Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [content]})
 
 
-def _fix(row: PoseRow, z: float, lonlat: list[float]) -> Entry:
+def _fix(row: PoseRow, z: float, lonlat: list[float]) -> ros.Entry:
     covariance = covariance_of(row)[:3, :3]
     content = {
-        "header": header_of(row.time, SENSOR_FRAME), "status": dict(status=0, service=1), "latitude": lonlat[1],
+        "header": ros.header_of(row.time, SENSOR_FRAME), "status": dict(status=0, service=1), "latitude": lonlat[1],
         "longitude": lonlat[0], "altitude": z, "position_covariance": covariance.ravel(),
         "position_covariance_type": 3 if covariance.any() else 0,
     }  # fmt: skip
-    return Entry(row.time, "/fix", "sensor_msgs/msg/NavSatFix", content)
+    return ros.Entry(row.time, "/fix", "sensor_msgs/msg/NavSatFix", content)

@@ -192,8 +192,7 @@ class _Between:
 class PointTransform(_Between):
     """Turns points of a source into coordinates of a projected CRS in metres, both given as WKT or codes.
 
-    Heights are converted with their reference where both CRS say what it is, and from geocentric coordinates into
-    ellipsoidal ones. Otherwise only their unit becomes the metre: their own, or else that of a projected CRS's plane.
+    Heights are converted where both CRS say what they are counted from; else only their unit becomes the metre.
     """
 
     def __init__(self, source: str, target: str) -> None:

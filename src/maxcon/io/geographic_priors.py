@@ -73,12 +73,7 @@ def read_geographic_prior(
 
 
 def read_geographic_csv(file: Path) -> ReceiverLog:
-    """Return positions and orientations in a table; rows without a latitude are left out.
-
-    Columns: time (s), latitude, longitude (degrees), one of `HEIGHT_COLUMNS` (m); where known roll, pitch (rad; _deg),
-    heading (counter-clockwise from true east) or azimuth (clockwise from true north), sigma_east, sigma_north (m),
-    sigma_heading.
-    """
+    """Return positions and orientations in a table (docs/priors.md); rows without a latitude are left out."""
     table = read_pose_table(file, "positions")
     if not table.names:
         raise TrajectoryError(f"{file}: Expected at least one position, got none. Was it written to its end?")

@@ -113,8 +113,7 @@ def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> 
 class DeskewedScans(Scans):
     """Scans whose points have times, deskewed by a motion, T_fixed_sensor in any fixed frame, when they are read.
 
-    turn_time: of scans whose points have no times: how long a turn of the scanner takes, s, clockwise seen from above,
-        and negative for counter-clockwise. The time of a scan is that of the middle of its turn, which looks forward.
+    turn_time: s, of scans without such times, clockwise seen from above; their time is the middle, which looks forward.
     """
 
     def __init__(self, scans: Scans, motion: Trajectory, max_gap: float = 0.5, turn_time: float | None = None) -> None:

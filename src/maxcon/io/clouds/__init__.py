@@ -12,8 +12,7 @@ from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader
 from maxcon.io.clouds.e57 import E57Reader
 from maxcon.io.clouds.las import LasReader
 from maxcon.io.clouds.pcd import PcdReader
-from maxcon.io.clouds.ply import PlyReader
-from maxcon.io.clouds.records import NpzReader
+from maxcon.io.clouds.records import NpzReader, PlyReader
 from maxcon.io.clouds.xyz import XyzReader
 from maxcon.io.text import reading
 

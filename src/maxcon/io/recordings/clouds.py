@@ -78,12 +78,12 @@ def topic_of_clouds(recording: Recording, name: str | None) -> Topic:
 class TopicOfClouds:
     """The clouds of one topic."""
 
-    n_passed_over = 10
+    n_passed_over = 10  # clouds to read on up to a later one, rather than to read from that one's time on
 
     def __init__(self, recording: Recording, topic: Topic) -> None:
         self.path, self.label, self._topic = recording.path, printable(topic.name), topic
         self.notes, self.n_clouds = recording.notes, topic.n_messages
-        self._recording = recording
+        self._recording, self.close = recording, recording.close
 
     def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
         """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`."""
@@ -97,10 +97,6 @@ class TopicOfClouds:
             with suppress(FileError), as_file_error(self.path, "a message of a cloud"):
                 return frame_of(decode_message(message))
         return ""
-
-    def close(self) -> None:
-        """Close the recording."""
-        self._recording.close()
 
 
 def _cloud(message: Message, label: str) -> RecordedCloud:
