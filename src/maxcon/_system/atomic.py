@@ -16,8 +16,7 @@ from tempfile import mkdtemp
 from maxcon.errors import FileError
 
 MARK = ".partial-"  # in the names of temporary siblings: `.city.map.partial-x1y2z3w4`
-LOCK, NEW, OLD = ".lock", "new", "old"
-"""In such a sibling: held while somebody is at work in it; the folder that is filled; the one that it replaces."""
+LOCK, NEW, OLD = ".lock", "new", "old"  # in such a sibling: held during work; the folder to fill; what it replaces
 
 
 @contextmanager

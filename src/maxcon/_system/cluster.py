@@ -58,6 +58,7 @@ class Cluster:
 
         self.lost: type[Exception] = KilledWorker
         self.executor = client.get_executor(pure=False)
+        self.submit: Callable[..., Future[Any]] = self.executor.submit
         self._client = client
         self._last_seen = time.monotonic()
 
@@ -65,11 +66,6 @@ class Cluster:
     def n_ahead(self) -> int:
         """Tasks to submit before the first is done."""
         return TASKS_OF_WORKER * max(1, len(self.addresses()))
-
-    def submit(self, *call: Any) -> Future[Any]:
-        """Let one of them do a task."""
-        future: Future[Any] = self.executor.submit(*call)
-        return future
 
     def gone(self) -> str:
         """Say why no result is waited for any longer: the scheduler or all workers are gone. Empty if they are not."""

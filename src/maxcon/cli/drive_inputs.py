@@ -243,8 +243,7 @@ def read_rough_poses(
     check_exclusive({f"{path}, which is no recording,": True}, asked)
     if not is_recording(path) and is_geographic(path):
         return read_geographic_prior(path, crs, geoid_height, are_sure=are_sure)
-    of_receivers = {"--geoid-height": geoid_height}
-    check_exclusive({f"{path}, which is not in latitude and longitude,": True}, of_receivers)
+    check_exclusive({f"{path}, which is not in latitude and longitude,": True}, {"--geoid-height": geoid_height})
     return read_prior(path)
 
 

@@ -163,8 +163,14 @@ class TableOfDrive:
                 raise FileError(self.epochs[0].reason)
 
     def end(self) -> None:
-        """End as `end_of_drive`, of all rows."""
-        end_of_drive(self.epochs, len(self.times), self.there.n_localized, is_track=self.is_track)
+        """Exit with 1 unless every epoch is localized; of a track every one from the first that is."""
+        are_localized = [epoch.pose_global is not None for epoch in self.epochs]
+        if self.is_track and any(are_localized):
+            is_whole = all(are_localized[are_localized.index(True) :])
+        else:
+            is_whole = self.there.n_localized + sum(are_localized) == len(self.times)
+        if not is_whole:
+            raise typer.Exit(1)
 
     def write_tum(self) -> None:
         """Write the poses of all epochs, also of those that were there, as TUM, if asked; say where there are none."""
@@ -223,19 +229,6 @@ class TableOfDrive:
         if doubtful:
             number, reason = doubtful[0].epoch, doubtful[0].reason
             typer.echo(f"{len(doubtful)} have a reason beside them; the first, epoch {number}: {reason}")
-
-
-def end_of_drive(
-    epochs: list[EpochEstimate], n_epochs: int, n_localized_before: int = 0, *, is_track: bool = False
-) -> None:
-    """Exit with 1 unless every epoch is localized; of a track every one from the first that is."""
-    are_localized = [epoch.pose_global is not None for epoch in epochs]
-    if is_track and any(are_localized):
-        is_whole = all(are_localized[are_localized.index(True) :])
-    else:
-        is_whole = n_localized_before + sum(are_localized) == n_epochs
-    if not is_whole:
-        raise typer.Exit(1)
 
 
 def searched_words(drive: OpenedDrive, epochs: list[EpochEstimate]) -> str:

@@ -37,17 +37,15 @@ class OptionGroup:
 def flag(default: Any, help: str | None = None, *names: str, **how: Any) -> Any:
     """Return the field of an option: its default, or `...` where it must be given, and what typer is told of it.
 
-    Help that is longer than a line stands in the docstring of its group, as `name: words`.
+    Long help stands in the docstring of its group, as `name: words`.
     """
-    return _field(default, typer.Option(*names, help=help, **how))
+    told = typer.Option(*names, help=help, **how)
+    return field(default=MISSING if default is ... else default, metadata={"told": told})
 
 
 def argument(default: Any, help: str | None, metavar: str, **how: Any) -> Any:
     """Return the field of an argument, likewise."""
-    return _field(default, typer.Argument(help=help, metavar=metavar, **how))
-
-
-def _field(default: Any, told: Any) -> Any:
+    told = typer.Argument(help=help, metavar=metavar, **how)
     return field(default=MISSING if default is ... else default, metadata={"told": told})
 
 

@@ -162,15 +162,14 @@ class StudyOptions(OptionGroup, title="Inputs"):
 
 
 class StudySpace(OptionGroup, title="Search space"):
-    """Where each method searches.
-
-    max_gap: Largest gap in prior and reference to interpolate across.
-    """
+    """Where each method searches."""
 
     half_width: float = flag(3.0, "Largest offset from the prior in x and y, m.", metavar="M")
     heading_half_width_deg: float = flag(2.0, "Largest turn from the prior's heading, degrees.", metavar="DEG")
     heading_step_deg: float = flag(0.5, "Step between headings, degrees.", metavar="DEG")
-    max_gap: float = flag(0.5, metavar="S", rich_help_panel="Inputs")
+    max_gap: float = flag(
+        0.5, "Largest gap in prior and reference to interpolate across.", metavar="S", rich_help_panel="Inputs"
+    )
 
 
 @flags

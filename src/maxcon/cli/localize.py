@@ -205,13 +205,12 @@ class CircleOptions(OptionGroup, title="Search space"):
 
 
 class PlaceCertainty(OptionGroup, title="Certainty"):
-    """From where on an answer is not trusted.
-
-    largest_runner_up: Ambiguous if the second best place scores more than this fraction of the best.
-    """
+    """From where on an answer is not trusted."""
 
     least_share: float = flag(0.1, "An answer that fewer of the scan's points match is not trusted.", metavar="0..1")
-    largest_runner_up: float = flag(0.8, metavar="0..1")
+    largest_runner_up: float = flag(
+        0.8, "Ambiguous if the second best place scores more than this fraction of the best.", metavar="0..1"
+    )
     risk: Risk = 0.01
 
 
@@ -247,16 +246,16 @@ def relocalize(
     relocalizer = Relocalizer(point_map, middle, radius, n_threads=files.threads, trust=trust, risk=certainty.risk)
     opened = open_scans(files.scans, files.times, topic=files.topic, at_stamp=files.at_stamp)
     near = np.array([*(circle.middle or point_map.frame.origin[:2]), point_map.frame.origin[2]])
-    if out is None:
-        with view.shown(relocalize_drive(opened, relocalizer, options), point_map, near) as shown:
-            epochs = list(drive_output.printed(shown))
-        drive_output.end_of_drive(epochs, len(opened))
-        return
-    localized = drive_output.TableOfDrive(out, table, opened.times)
+    localized = drive_output.TableOfDrive(out or Path(), table, opened.times)
     started = relocalize_drive(opened, relocalizer, options, first=localized.there.n_rows)
     with view.shown(started, point_map, near) as shown:
-        localized.write(shown, quiet)
-    where = "the whole map" if circle.around is None else f"{radius:g} m around {circle.around}"
-    localized.print_summary(files.map_folder, f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells")
-    localized.write_tum()
+        if out is None:
+            localized.epochs += drive_output.printed(shown)
+        else:
+            localized.write(shown, quiet)
+    if out is not None:
+        where = "the whole map" if circle.around is None else f"{radius:g} m around {circle.around}"
+        found = f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells"
+        localized.print_summary(files.map_folder, found)
+        localized.write_tum()
     localized.end()

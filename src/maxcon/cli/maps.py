@@ -115,12 +115,11 @@ class MapOutput(OptionGroup, title="Output"):
 
 
 class TileWorkers(OptionGroup, title="How it is done"):
-    """Who makes the tiles.
+    """Who makes the tiles."""
 
-    threads: Tiles made at once in this process, 0.25 GiB each. Default: processors, at most 4.
-    """
-
-    threads: int | None = flag(None, min=1)
+    threads: int | None = flag(
+        None, "Tiles made at once in this process, 0.25 GiB each. Default: processors, at most 4.", min=1
+    )
     workers: int | None = flag(None, "Let N processes make the tiles instead.", metavar="N", min=1)
     scheduler: Scheduler = None
 
@@ -153,8 +152,9 @@ def build(
         )
     if output.cell is not None and 1.0 < output.cell <= 100.0:
         raise OptionError(f"Expected --cell in metres, up to 1, got {output.cell:g}. In centimetres? 0.06 is usual.")
-    left_out = {"--drop": classes.drop, "--vehicle-class": classes.vehicle_class}
-    check_exclusive({"--keep-all": classes.keep_all}, left_out)
+    check_exclusive(
+        {"--keep-all": classes.keep_all}, {"--drop": classes.drop, "--vehicle-class": classes.vehicle_class}
+    )
     of_clouds = {
         "clouds": cloud.clouds, "--trajectory": cloud.trajectory, "--signed-normals": cloud.signed_normals,
         "--to-crs": cloud.to_crs, "--asprs-classes": classes.asprs_classes,

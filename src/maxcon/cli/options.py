@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
+from typer import Option
 
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag
 from maxcon.errors import OptionError
@@ -16,39 +16,36 @@ if TYPE_CHECKING:
 
 SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.", rich_help_panel="Output")]
-Times = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Times of the scans; default times.txt, or the names.")
-]
-Risk = Annotated[float, typer.Option(metavar="0..1", help="Largest probability of errors above the protection level.")]
-Topic = Annotated[str | None, typer.Option(metavar="NAME", help="Which of several point clouds of a recording.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="No progress bar.", rich_help_panel="Output")]
+Times = Annotated[Path | None, Option(metavar="FILE", help="Times of the scans; default times.txt, or the names.")]
+Risk = Annotated[float, Option(metavar="0..1", help="Largest probability of errors above the protection level.")]
+Topic = Annotated[str | None, Option(metavar="NAME", help="Which of several point clouds of a recording.")]
 AtStamp = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--at-stamp",
         help="The time of a recorded scan is its message's, not the middle between its first and its last point.",
     ),
 ]
 TurnTime = Annotated[
     float | None,
-    typer.Option(
+    Option(
         metavar="S",
         help="With --deskew, where points have no times: how long a turn of the scanner takes, from behind to behind,"
         " clockwise seen from above; negative for counter-clockwise.",
     ),
 ]
 AllowInexactCrs = Annotated[
-    bool,
-    typer.Option("--allow-inexact-crs", help="The CRS may be converted to less exactly than to a voxel of the map."),
+    bool, Option("--allow-inexact-crs", help="The CRS may be converted to less exactly than to a voxel of the map.")
 ]
 GeoidHeight = Annotated[
     float | None,
-    typer.Option(metavar="M", help="Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m."),
+    Option(metavar="M", help="Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m."),
 ]
-MinRange = Annotated[float, typer.Option(metavar="M", help="Nearer points are left out.")]
-MaxRange = Annotated[float, typer.Option(metavar="M", help="Farther points are left out.")]
+MinRange = Annotated[float, Option(metavar="M", help="Nearer points are left out.")]
+MaxRange = Annotated[float, Option(metavar="M", help="Farther points are left out.")]
 Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:8786: its workers do the work.")
+    str | None, Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:8786: its workers do the work.")
 ]
 
 
@@ -93,13 +90,14 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
 
 
 class MotionOptions(OptionGroup, title="Motion"):
-    """What is known and made of the vehicle's motion.
-
-    odometry: With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.
-    """
+    """What is known and made of the vehicle's motion."""
 
     track: bool = flag(False, "Search each scan only where the one before and the motion since allow it to be.")
-    odometry: Path | None = flag(None, metavar="TUM|CSV|RECORDING")
+    odometry: Path | None = flag(
+        None,
+        "With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
+        metavar="TUM|CSV|RECORDING",
+    )
     drift: float | None = flag(None, "Error of the odometry as a share of the way; 0.02 if not given.", metavar="SHARE")
     deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
     turn_time: TurnTime = None
@@ -213,23 +211,21 @@ class TableOptions(OptionGroup, title="Output"):
 
 
 class WorkerOptions(OptionGroup, title="How it is done"):
-    """Who does the work: this process if neither is given.
+    """Who does the work: this process if neither is given."""
 
-    workers: Processes, about 1 GiB each; 1: all in this one. Default: as many as processors.
-    """
-
-    workers: int | None = flag(None, metavar="N", min=1)
+    workers: int | None = flag(
+        None, "Processes, about 1 GiB each; 1: all in this one. Default: as many as processors.", metavar="N", min=1
+    )
     scheduler: Scheduler = None
 
 
 class ViewOptions(OptionGroup, title="Output"):
-    """Whether a drive is shown, or recorded; both need the extra view.
-
-    save: Write what --view shows as a recording; `rerun FILE` opens it (extra view).
-    """
+    """Whether a drive is shown, or recorded; both need the extra view."""
 
     view: bool = flag(False, "Show the map, and of a drive scans and answers as they come, in Rerun (extra view).")
-    save: Path | None = flag(None, metavar="FILE.rrd")
+    save: Path | None = flag(
+        None, "Write what --view shows as a recording; `rerun FILE` opens it (extra view).", metavar="FILE.rrd"
+    )
 
     @property
     def is_wanted(self) -> bool:

@@ -151,9 +151,7 @@ def write_geopackage(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
     """Write a layer `poses` of points with height, in the CRS; epochs that are not localized have no point."""
     with needs_extra("pyogrio", "to write a GeoPackage", "export"):
         from pyogrio.raw import write
-    points = [
-        None if row.pose is None else struct.pack("<BI3d", 1, ISO_POINT_Z, *row.pose.position.tolist()) for row in rows
-    ]
+    points = [None if row.pose is None else struct.pack("<BI3d", 1, ISO_POINT_Z, *row.pose.position) for row in rows]
     table = [properties(row) for row in rows]
     columns = [_column([row[name] for row in table]) for name in table[0]]
     with atomic_file(path) as partial:

@@ -68,8 +68,7 @@ def metric_crs(text: str) -> str:
             f"Expected a projected CRS in metres, got {crs.name} in {', '.join(sorted(units)) or 'unknown units'}."
             " Reproject the points first, to the UTM zone for example: `map build --to-crs`."
         )
-    wkt: str = crs.to_wkt()
-    return wkt
+    return str(crs.to_wkt())
 
 
 def same_crs(one: str, other: str) -> bool:

@@ -18,9 +18,7 @@ from maxcon.scan.trajectory import Trajectory, first_fault
 
 BASELINE = 5.0  # a course over ground is that between two positions so far apart, m
 ALIKE = math.radians(30.0)  # an IMU farther from the course over ground, in the median, does not know where north is
-COMPASS_ALIKE = math.radians(
-    10.0
-)  # as near to it, bearings that are read as headings are such, and the other way round
+COMPASS_ALIKE = math.radians(10.0)  # as near to it, bearings that are read as headings are such, and vice versa
 ASSUMED_SIGMA = math.radians(2.0)  # of an IMU's heading, where it states none, rad
 MAX_GAP = 0.5  # between two orientations to interpolate across, s
 COURSE = "headings: course over ground"

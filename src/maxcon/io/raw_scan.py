@@ -45,10 +45,6 @@ class RawScan:
     point_times: NDArray[np.float64] | None = None
     viewpoints: Viewpoints | None = None
 
-    @property
-    def _counts(self) -> tuple[int, int, int, int]:
-        return self.n_returns, self.n_dropped_invalid, self.n_dropped_range, self.n_dropped_duplicates
-
 
 class Scans(ABC):
     """Scans of one drive in order of time; each is read when asked for."""
@@ -89,10 +85,9 @@ def check_range(min_range: float, max_range: float) -> None:
         raise OptionError(f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. Usual: 1, 120 m.")
 
 
-def scan_within(
-    cloud: CloudPoints, stamp: float, time: float, name: str, min_range: float, max_range: float
-) -> RawScan:
-    """Return the returns of a cloud within the range (m) as a scan at `time`; its own time is `stamp`, s."""
+def scan_within(cloud: CloudPoints, stamp: float, time: float, name: str, *limits: float) -> RawScan:
+    """Return the returns of a cloud within limits of range (m) as a scan at `time`; its own time is `stamp`, s."""
+    min_range, max_range = limits
     check_range(min_range, max_range)
     x, y, z = cloud.points.T
     with np.errstate(over="ignore"):
@@ -198,7 +193,9 @@ class MergedScans(Scans):
         ]
         is_known = any(raw.point_times is not None or raw.time != time for raw in raws)
         points = np.concatenate([self.poses[k].apply(raw.points) for k, raw in zip(numbers, raws, strict=True)])
-        n_returns, n_invalid, n_far, n_twice = map(sum, zip(*(raw._counts for raw in raws), strict=True))
+        counts = (
+            sum(raw.n_returns for raw in raws), sum(raw.n_dropped_invalid for raw in raws),
+            sum(raw.n_dropped_range for raw in raws), sum(raw.n_dropped_duplicates for raw in raws),
+        )  # fmt: skip
         times, viewpoints = np.concatenate(offsets), Viewpoints(np.repeat(numbers, sizes), self.poses)
-        counts = n_returns, n_invalid, n_far, n_twice
         return RawScan(points, time, self.name(i), *counts, times if is_known else None, viewpoints)

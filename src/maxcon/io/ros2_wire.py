@@ -82,9 +82,7 @@ class Ros2Wire:
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
         from cyclonedds.sub import DataReader
 
-        reader = DataReader(
-            self._participant, self._topic(topic, kind), _qos(depth, is_latched, is_reliable=is_latched)
-        )
+        reader = DataReader(self._participant, self._topic(topic, kind), _qos(depth, is_latched))
         new = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
         self._waits.attach(new)
         self._readers.append((reader, new, depth, Message(topic, kind, "cdr", 0, b""), tell))
@@ -113,11 +111,11 @@ class Ros2Wire:
         return Topic(self._participant, dds_names(topic, kind)[0], _type_of(kind))
 
 
-def _qos(depth: int, is_latched: bool, *, is_reliable: bool) -> Any:
+def _qos(depth: int, is_latched: bool, *, is_reliable: bool = False) -> Any:
     from cyclonedds.core import Policy, Qos
 
     return Qos(
-        Policy.Reliability.Reliable(BLOCKED) if is_reliable else Policy.Reliability.BestEffort,
+        Policy.Reliability.Reliable(BLOCKED) if is_reliable or is_latched else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile,
         Policy.History.KeepLast(depth),
         Policy.DataRepresentation(use_cdrv0_representation=True),

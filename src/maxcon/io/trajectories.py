@@ -23,9 +23,7 @@ KITTI_COLUMNS = tuple(f"{part}{row}" for row in (1, 2, 3) for part in ("r1", "r2
 MOST_ALONG_Z = 0.8  # where more of the way lies along the sensor's own z axis, it is the optical axis of a camera
 CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
 ROTATION_TOLERANCE = 1e-2
-COVARIANCE_COLUMNS = (
-    "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
-)  # fmt: skip
+COVARIANCE_COLUMNS = tuple(f"cov_{of}" for of in ("x_x", "x_y", "x_heading", "y_y", "y_heading", "heading_heading"))
 SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
 
 

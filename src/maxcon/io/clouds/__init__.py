@@ -19,13 +19,9 @@ from maxcon.io.text import reading
 __all__ = ["CLOUD_SUFFIXES", "Bounds", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
 
 _READERS: dict[str, Callable[[Path], CloudReader]] = {
-    **dict.fromkeys((".las", ".laz"), LasReader),
-    ".ply": PlyReader,
-    ".pcd": PcdReader,
-    ".npz": NpzReader,
-    ".e57": E57Reader,
-    **dict.fromkeys((".xyz", ".csv", ".txt"), XyzReader),
-}
+    ".las": LasReader, ".laz": LasReader, ".ply": PlyReader, ".pcd": PcdReader, ".npz": NpzReader, ".e57": E57Reader,
+    ".xyz": XyzReader, ".csv": XyzReader, ".txt": XyzReader,
+}  # fmt: skip
 CLOUD_SUFFIXES = tuple(_READERS)
 
 

@@ -69,9 +69,7 @@ class LasReader(CloudReader):
                     return
         yield from map(self._chunk, self.records(max_points, _needed()))
 
-    def records(
-        self, max_points: int = 1_000_000, selection: "laspy.DecompressionSelection | None" = None
-    ) -> Generator[Any]:
+    def records(self, max_points: int = 1_000_000, selection: Any = None) -> Generator[Any]:
         """Yield laspy's records of all points in order; of a LAZ file only the fields of a `selection`, if any."""
         import laspy
 
@@ -95,9 +93,7 @@ class LasReader(CloudReader):
                 yield record
                 n_left -= len(record)
 
-    def _records_of_chunks(
-        self, stream: BinaryIO, chunks: LazChunks, numbers: list[int], n_most: int
-    ) -> Generator[Any]:
+    def _records_of_chunks(self, stream: BinaryIO, chunks: LazChunks, numbers: list[int], n_most: int) -> Iterator[Any]:
         """Yield laspy's records of some compressed chunks, as many at a time as have `n_most` points together."""
         import laspy
         import lazrs
@@ -145,8 +141,7 @@ def _laszip_record(header: "laspy.LasHeader") -> bytes:
     found = header.vlrs.get("LasZipVlr")
     if not found:
         raise ValueError("no LASzip record")
-    record: bytes = found[0].record_data
-    return record
+    return bytes(found[0].record_data)
 
 
 class _Layout(NamedTuple):

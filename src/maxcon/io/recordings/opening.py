@@ -154,9 +154,8 @@ class _McapFile:
         with _BoundedFile(self.path) as stream:
             for record in self._of_chunks(stream, start) if self._chunks else self._from_beginning(stream):
                 if record.channel_id in wanted and record.log_time >= start:
-                    channel = wanted[record.channel_id]
-                    encoding = channel.message_encoding
-                    yield Message(channel.topic, types[channel.id], encoding, record.log_time, record.data)
+                    of, kind = wanted[record.channel_id], types[record.channel_id]
+                    yield Message(of.topic, kind, of.message_encoding, record.log_time, record.data)
 
     def _read_summary(self, stream: BinaryIO) -> bool:
         """Take what the end of the file says of its content; False where it says nothing, or not enough."""
