@@ -170,7 +170,10 @@ def build(
         classify=classes.classify, area=Area.parse(cloud.area) if cloud.area is not None else None,
     )  # fmt: skip
     make: Callable[..., Manifest] = partial(build_map, cloud.clouds or [])
-    if (placed := drive.open(quiet)) is not None:
+    if drive.scans is not None and drive.poses is not None:
+        from maxcon.cli.drive_inputs import placed_scans
+
+        placed = placed_scans(drive, drive.scans, drive.poses, quiet)
         typer.echo(placed.words, err=True)
         make = partial(map_of_drive, placed, keep_moving=drive.keep_moving)
     with step_bars(quiet) as report, compiling_told(quiet):

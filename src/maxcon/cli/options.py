@@ -4,15 +4,12 @@
 
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from typer import Option
 
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag
 from maxcon.errors import OptionError
-
-if TYPE_CHECKING:
-    from maxcon.mapping.placed_scans import PlacedScans
 
 SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
@@ -297,9 +294,3 @@ class MappingDrive(OptionGroup, title="Scans instead of clouds"):
         }  # fmt: skip
         check_needs(others, {"--scans": self.scans})
         check_turn_time(self.turn_time, deskew=self.deskew)
-
-    def open(self, quiet: bool) -> "PlacedScans | None":
-        """Return the scans, placed by their poses; None if there are none."""
-        from maxcon.cli.drive_inputs import placed_scans
-
-        return None if self.scans is None or self.poses is None else placed_scans(self, self.scans, self.poses, quiet)

@@ -65,7 +65,9 @@ def read_scan_file(file: Path, stamp: int = 0) -> CloudPoints:
 
 def _check_count(file: Path, n_points: int) -> None:
     if n_points > MAX_SCAN_POINTS:
-        raise FileError(f"Expected a scan of at most {MAX_SCAN_POINTS:,} points, got {n_points:,} in {file}. A map?")
+        raise FileError(
+            f"Expected a scan of at most {MAX_SCAN_POINTS:,} points, got {n_points:,} in {file}. Is it a map?"
+        )
 
 
 def _read_floats(file: Path) -> tuple[NDArray[np.float64], str]:
