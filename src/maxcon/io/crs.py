@@ -179,11 +179,11 @@ class _Between:
 
     def _turned(self, transformer: Any, *columns: NDArray[np.float64], inverse: bool = False) -> NDArray[np.float64]:
         """Coordinates in the target, of columns in the source, or the other way round; shape (n, k)."""
-        given = np.stack(columns, axis=1)
         found = np.stack(transformer.transform(*columns, direction="INVERSE" if inverse else "FORWARD"), axis=1)
         rows = np.flatnonzero(np.isfinite(found).all(axis=1))
         if len(rows) and not (self.asks_once and self.operation):
-            used = Operation.last_used(transformer, *self._ends, (found if inverse else given)[rows[-1]].tolist())
+            place = [float(column[rows[-1]]) for column in (found.T if inverse else columns)]
+            used = Operation.last_used(transformer, *self._ends, place)
             self.operation = max(used, self.operation or used, key=lambda each: each.accuracy % math.inf)
         return found
 
