@@ -43,8 +43,8 @@ SIGMAS_OF_ONE = {1: 5.0, 2: 2.0, 3: 2.0, 4: 0.05, 5: 0.5}
 """Sigmas of east and north, m, for a HDOP of 1, by GGA's quality: single, differential, PPS, RTK fixed, float."""
 GNS_QUALITY = (("R", 4), ("F", 5), ("D", 2), ("P", 3), ("A", 1), ("E", 6))
 N_COLUMNS = {"no fix": 2, "time": 2, "date": 2, "sigmas": 4, "position": 7, "HDT": 6, "PASHR": 6}
-"""Of what is kept: place in the log, time of the day, s (a date: s since 1970), and numbers, NaN where not said: sigmas,
-m; latitude, longitude, altitude, geoid, assumed sigma; or azimuth, roll to starboard, nose up, its sigma, degrees."""
+"""Of what is kept: place in the log, time of the day, s (a date: s since 1970), and numbers, NaN where not said: of
+sigmas m; latitude, longitude, altitude, geoid, assumed sigma; azimuth, roll to starboard, nose up, its sigma, deg."""
 TIMED = ("GGA", "GNS", "RMC", "ZDA", "GST", "PASHR")  # sentences that begin with a time of the day
 
 
