@@ -55,11 +55,9 @@ def write_entries(path, entries):
         write_recording(path, RecordingKind(path.suffix[1:]), entries)
         return path
     from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
-        write_bag(bag, store, store.serialize_cdr, entries)
+        write_bag(bag, entries)
     return path
 
 

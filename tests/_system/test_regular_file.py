@@ -10,7 +10,7 @@ import pytest
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import MaxconError
 from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
-from maxcon.io.nmea import read_nmea
+from maxcon.io.geographic_priors import read_nmea
 from maxcon.io.scans import open_scans
 from maxcon.io.text import SCAN_SUFFIXES
 from maxcon.io.trajectories import read_prior, read_trajectory

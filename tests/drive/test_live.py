@@ -14,8 +14,7 @@ from maxcon import LiveLocalizer, LiveOptions, MaximumConsensus, Pose, SearchSpa
 from maxcon.drive.localize import track_drive
 from maxcon.drive.tracker import Tracker
 from maxcon.errors import ArrayError, MapError, OptionError
-from maxcon.io.point_records import CloudPoints
-from maxcon.io.point_times import PointTimes
+from maxcon.io.point_records import CloudPoints, PointTimes
 from maxcon.io.raw_scan import DeskewedScans, Scans, scan_within
 from towns import Town
 

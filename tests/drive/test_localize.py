@@ -11,7 +11,7 @@ from court_drive import CELL, FRAME, prior_of, truth
 from maxcon import Estimate, SearchSpace, Status, Trajectory
 from maxcon.drive.localize import DriveOptions, _clocks_in_words, localize_drive
 from maxcon.errors import MapError, OptionError, TrajectoryError
-from maxcon.io.scans.folder import ScanFolder
+from maxcon.io.scans import ScanFolder
 from maxcon.localizer import MaximumConsensus
 
 TIMES = [10.0, 10.1, 10.2, 10.3]

@@ -8,8 +8,7 @@ import pytest
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
 from maxcon.drive.localize import localize_drive
 from maxcon.io.raw_scan import DeskewedScans
-from maxcon.io.scans import open_scans
-from maxcon.io.scans.folder import ScanFolder
+from maxcon.io.scans import ScanFolder, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.evaluation import pose_error
 from maxcon.mapping.build import MapOptions, build_map

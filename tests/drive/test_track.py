@@ -13,7 +13,7 @@ from maxcon.drive.localize import DriveOptions, track_drive
 from maxcon.drive.motion import MotionNoise
 from maxcon.drive.tracker import Tracker
 from maxcon.errors import TrajectoryError
-from maxcon.io.scans.folder import ScanFolder
+from maxcon.io.scans import ScanFolder
 
 TIMES = [10.0 + 0.2 * epoch for epoch in range(N_SCANS)]
 METHOD = MaximumConsensus(SearchSpace(1.5, CELL, 1.0, 0.5))

@@ -75,9 +75,9 @@ def test_ply_has_the_same_points_and_their_crs(city, voxels, tmp_path):
 def test_what_is_gone_of_an_updated_map_is_written_and_says_so(city, monkeypatch, tmp_path):
     from dataclasses import replace
 
-    from maxcon.export import map_points
+    from maxcon.export import points
 
-    read = map_points.stored_tiles
+    read = points.stored_tiles
 
     def updated(*arguments, **keywords):
         tiles = read(*arguments, **keywords)
@@ -85,7 +85,7 @@ def test_what_is_gone_of_an_updated_map_is_written_and_says_so(city, monkeypatch
         tiles.load = lambda key: replace(tile := load(key), classes=np.full(len(tile), SurfaceClass.GONE, np.uint8))
         return tiles
 
-    monkeypatch.setattr(map_points, "stored_tiles", updated)
+    monkeypatch.setattr(points, "stored_tiles", updated)
     n_voxels, _ = export_map(city, tmp_path / "a.laz")
     assert np.count_nonzero(laspy.read(tmp_path / "a.laz")["change"] == 1) == n_voxels
 

@@ -14,7 +14,7 @@ from maxcon.errors import MaxconError
 from maxcon.export import read_rows
 from maxcon.io.clouds import Bounds, open_cloud
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
-from maxcon.io.scans.description import describe
+from maxcon.io.scans import describe
 from maxcon.io.trajectories import read_poses_of_scans, read_prior
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.run import Study

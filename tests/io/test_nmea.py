@@ -10,8 +10,7 @@ import pytest
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Heights
-from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
-from maxcon.io.nmea import is_nmea, read_nmea
+from maxcon.io.geographic_priors import is_geographic, is_nmea, read_geographic_prior, read_nmea
 from nmea_sentences import clock, gga, rmc, sentence
 
 UTM = "EPSG:25833"
@@ -58,16 +57,6 @@ def test_the_warts_of_real_logs(tmp_path):
     assert log.n_left_out == 1
     assert "2 sentences with a wrong checksum, or without, left out" in log.words
     assert log.orientations is None
-
-
-def test_a_sentence_across_blocks_of_reading_is_found(tmp_path, monkeypatch):
-    from maxcon.io import nmea
-
-    path = _write(tmp_path / "a.nmea", [b"\xff" * 97, *_way(30)])
-    whole = read_nmea(path)
-    for block in (64, 300, 1000):
-        monkeypatch.setattr(nmea, "BLOCK", block)
-        np.testing.assert_array_equal(read_nmea(path).places, whole.places)
 
 
 def test_letters_of_a_base_station_nanoseconds_midnight_and_a_late_date_cost_no_position(tmp_path):

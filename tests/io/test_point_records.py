@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.io.point_records import FORMATS, decode_points, records_of_message
-from maxcon.io.point_times import find_point_times
+from maxcon.io.point_records import FORMATS, decode_points, find_point_times, records_of_message
 
 CODES = {name: code for code, name in FORMATS.items()}
 STAMP = 1_714_506_077_250_967_979

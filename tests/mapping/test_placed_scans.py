@@ -11,7 +11,8 @@ import pytest
 
 from localized_poses import rows_of
 from maxcon import PointMap, Pose, Trajectory, open_scans
-from maxcon.cli.drive_of_map import DriveOptions
+from maxcon.cli.drive_inputs import placed_scans
+from maxcon.cli.options import MappingDrive
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import wrap_angle
 from maxcon.io.trajectories import read_trajectory, write_tum
@@ -97,7 +98,8 @@ def test_a_mounting_moves_poses_to_the_scanner_once_whatever_a_recording_says(dr
         f"[sensor]\nposition = {mounted.position.tolist()}\nheading_deg = {np.degrees(mounted.heading)}\n[odometry]\n"
     )
     for given in (None, mounting):
-        placed = DriveOptions(scans=recording, poses=recording, mounting=given).open(quiet=True)
+        drive = MappingDrive(scans=recording, poses=recording, mounting=given)
+        placed = placed_scans(drive, recording, recording, quiet=True)
         found = np.array([pose.position for pose in placed.poses.values()])
         np.testing.assert_allclose(found, true.positions, atol=1e-4)
 

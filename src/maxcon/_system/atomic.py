@@ -16,17 +16,12 @@ from tempfile import mkdtemp
 from maxcon.errors import FileError
 
 MARK = ".partial-"  # in the names of temporary siblings: `.city.map.partial-x1y2z3w4`
-LOCK, NEW, OLD = ".lock", "new", "old"
-"""In such a sibling: held while somebody is at work in it; the folder that is filled; the one that it replaces."""
+LOCK, NEW, OLD = ".lock", "new", "old"  # in such a sibling: held during work; the folder to fill; what it replaces
 
 
 @contextmanager
 def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a path to write to; it replaces `path` when the block ends well and vanishes otherwise.
-
-    Behind a symbolic link the file that it leads to is replaced. FileError if it cannot be written, or something other
-    than a file stands there.
-    """
+    """Yield a path to write to; it replaces `path`, or what a link leads to, when the block ends well."""
     target = _output_file(path)
     with _writing(target), _temporary_sibling(target) as folder:
         partial = folder / target.name
@@ -36,11 +31,7 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield an empty folder to fill; it becomes `path` when the block ends well and vanishes otherwise.
-
-    What killed processes left of the same `path` is removed before. FileError if `path` exists and `overwrite` is
-    False, or the folder cannot be written.
-    """
+    """Yield an empty folder to fill; it becomes `path` when the block ends well and vanishes otherwise."""
     target = _behind_links(Path(path))
     with _writing(path):
         sweep(target.parent, target.name)
@@ -74,10 +65,7 @@ def write_json(path: str | os.PathLike[str], value: object) -> None:
 
 
 def sweep(folder: Path, name: str | None = None) -> None:
-    """Remove what killed processes left in a folder of an output of this name, or of any.
-
-    A folder that one of them had moved aside, to replace it, returns to its place.
-    """
+    """Remove what killed processes left beside an output of this name, or any; what they had moved aside returns."""
     from filelock import FileLock, Timeout
 
     for left in folder.glob(f".{'*' if name is None else escape(name)}{MARK}*"):
@@ -87,10 +75,7 @@ def sweep(folder: Path, name: str | None = None) -> None:
 
 @contextmanager
 def locked(path: str | os.PathLike[str], what: str) -> Iterator[None]:
-    """Hold a lock file while the block runs, and remove it; the system lets go of it when the process is killed.
-
-    FileError that names `what` if another process holds it, or the file cannot be made or locked.
-    """
+    """Hold a lock file while the block runs, and remove it; the system lets go of it when the process is killed."""
     from filelock import FileLock, Timeout
 
     lock = FileLock(path)
@@ -118,10 +103,7 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Refuse a file that cannot be written, before the work whose outcome it shall hold; FileError if so.
-
-    What killed processes left of it beside it is removed.
-    """
+    """Refuse a file that cannot be written, before the work whose outcome it shall hold; sweep beside it."""
     target = _output_file(path)
     with _writing(path):
         with _temporary_sibling(target) as folder:
@@ -138,13 +120,7 @@ def check_folder(path: str | os.PathLike[str]) -> None:
 
 
 def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[str]) -> None:
-    """Refuse to overwrite anything but a folder of the kind that is to be written; FileError if so.
-
-    path: may be missing.
-    what: the kind, for the message, e.g. "a map".
-    names: names and patterns (`poses-*.csv`) of all that such a folder may hold; the first it must hold, if it is not
-        empty.
-    """
+    """Refuse to overwrite anything but a folder of `what`: all in it has one of the names, the first is there."""
     there: list[str] = []
     with _writing(path), suppress(FileNotFoundError):
         there = sorted(child.name for child in Path(path).iterdir())

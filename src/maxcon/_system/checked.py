@@ -22,13 +22,10 @@ DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+
 def checked(
     values: object, kind: type[T], where: object, what: str, advice: str, error: type[MaxconError] = FileError
 ) -> T:
-    """Return values read from TOML or JSON as an instance of `kind`, a `msgspec.Struct` or another type msgspec knows.
+    """Return values read from TOML or JSON as an instance of a `msgspec.Struct` or another type msgspec knows.
 
     Bounds stand in the type: ``Annotated[float, msgspec.Meta(gt=0)]``. NaN and infinities pass such bounds in one
-    direction; give both where they matter.
-
-    where, what, advice: for messages: the file, what was expected there, and what to do.
-    error: kind of the error raised.
+    direction; give both where they matter. where, what, advice: for messages.
     """
     import msgspec
 

@@ -23,11 +23,7 @@ TASKS_OF_WORKER = 3  # the one in work, and two ahead
 
 @contextmanager
 def joined_cluster(address: str, close: Callable[[], None], warn: Callable[[str], None] | None) -> Iterator["Cluster"]:
-    """Yield the workers of the scheduler at an address; certificates are those of dask's own configuration.
-
-    In the end each worker calls `close`, behind what it has in work. OptionError if there is no scheduler, or it has no
-    workers; `warn` is called with a line where these are waited for.
-    """
+    """Yield the workers of the scheduler at an address, each of which calls `close` in the end."""
     from distributed import Client, fire_and_forget
 
     with _quiet(), ExitStack() as stack:
@@ -62,6 +58,7 @@ class Cluster:
 
         self.lost: type[Exception] = KilledWorker
         self.executor = client.get_executor(pure=False)
+        self.submit: Callable[..., Future[Any]] = self.executor.submit
         self._client = client
         self._last_seen = time.monotonic()
 
@@ -69,11 +66,6 @@ class Cluster:
     def n_ahead(self) -> int:
         """Tasks to submit before the first is done."""
         return TASKS_OF_WORKER * max(1, len(self.addresses()))
-
-    def submit(self, *call: Any) -> Future[Any]:
-        """Let one of them do a task."""
-        future: Future[Any] = self.executor.submit(*call)
-        return future
 
     def gone(self) -> str:
         """Say why no result is waited for any longer: the scheduler or all workers are gone. Empty if they are not."""

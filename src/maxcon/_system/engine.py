@@ -1,9 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Engine: where tasks are done, in this process, in several of this machine, or on a dask cluster; and in which order.
-
-A job is opened by each process when its first task comes, and kept for those that follow.
-"""
+"""Engine: where tasks are done (this process, several of this machine, a dask cluster), and in which order."""
 
 import multiprocessing
 import os
@@ -40,10 +37,7 @@ def n_processors() -> int:
 
 
 class Job(Protocol[TaskT, ResultT_co]):
-    """A kind of work, opened once by each process that takes part. A task done twice gives the same result twice.
-
-    It travels to each process: paths, names and options, but no maps and no scans.
-    """
+    """A kind of work, opened once by each process that it travels to; a task done twice has one result."""
 
     def open(self) -> Callable[[TaskT], ResultT_co]:
         """Open what the tasks need; return what does one of them."""
@@ -56,20 +50,15 @@ class Job(Protocol[TaskT, ResultT_co]):
 
 
 Run = Callable[[Job[Any, Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
-"""Runs a job."""
 
 
 @dataclass(frozen=True)
 class Engine:
     """Where tasks are done. The results are the same wherever, but for the order they come in."""
 
-    # Processes on this machine; with one, all is done in this process. As many as there are processors if None.
-    n_workers: int | None = None
-    # Address of a dask scheduler, as tcp://HOST:8786, instead: its workers do the tasks. All that they need must have
-    # the same paths for them.
-    scheduler: str | None = None
-    # Called with a line for the user: what is waited for
-    warn: Callable[[str], None] | None = field(default=None, compare=False)
+    n_workers: int | None = None  # processes on this machine, as many as processors if None; 1: this process
+    scheduler: str | None = None  # address of a dask scheduler instead; for its workers all paths must be the same
+    warn: Callable[[str], None] | None = field(default=None, compare=False)  # of what is waited for
 
     def __post_init__(self) -> None:
         if self.n_workers is not None and (self.scheduler is not None or self.n_workers < 1):
@@ -95,9 +84,8 @@ class Engine:
     def run(self, job: Job[TaskT, ResultT], tasks: Iterable[TaskT], n_tasks: int) -> Iterator[tuple[TaskT, ResultT]]:
         """Yield each task with its result as it is done, in any order; a task may come back as the parts it splits to.
 
-        A worker that ends is replaced, and its tasks are done anew. A task that ends four in turn is split once
-        everything else is done, and each part is tried alone; a part that again ends four has the result that the
-        job gives for lost ones. Tasks are taken as workers become free; no more than `n_tasks` processes are started.
+        A worker that ends is replaced, and its tasks are done anew. A task that ends four in turn is split once all
+        else is done, and each part tried alone; one that again ends four has the result of the job for lost ones.
         """
         with self.started(n_tasks) as run:
             yield from run(job, tasks)
@@ -117,9 +105,6 @@ class Engine:
             started = joined_cluster(str(self.scheduler), close_jobs, self.warn)
         with started as workers:
             yield lambda job, tasks: _results(workers, job, tasks)
-
-
-# --- one job --------------------------------------------------------------------------------------------------
 
 
 def _here(job: Job[TaskT, ResultT], tasks: Iterable[TaskT]) -> Iterator[tuple[TaskT, ResultT]]:
@@ -179,10 +164,7 @@ def _gone(what: str) -> MaxconError:
     return MaxconError(f"Expected the workers to live on, but {what}. What is done is kept: the same command goes on.")
 
 
-# --- a job in a worker ----------------------------------------------------------------------------------------
-
-# What is opened is used by one thread at a time, however many threads a worker was started with.
-_one_at_a_time = threading.Lock()
+_one_at_a_time = threading.Lock()  # opened jobs are used by one thread, however many a worker was started with
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,9 +198,6 @@ def _opened(opening: Opening) -> Callable[[Any], Any]:
             " everywhere."
         )
     return opening.job.open()
-
-
-# --- processes of this machine --------------------------------------------------------------------------------
 
 
 class Processes:
@@ -276,9 +255,6 @@ def _begin_worker() -> None:
             os._exit(1)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-# --- in order -------------------------------------------------------------------------------------------------
 
 
 def in_threads(work: Callable[[TaskT], ResultT], items: Iterable[TaskT], n_threads: int) -> Iterator[ResultT]:

@@ -1,10 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled code: kept by the content of all kernels, told of when it is made, and what arrays it is made for.
-
-Numba itself looks at the file of a function only: code that holds an imported constant would stay as it was. Here a
-changed constant or helper renews whatever contains it.
-"""
+"""Compiled code: kept by the content of all kernels and their constants, which numba does not; told of when made."""
 
 import hashlib
 import inspect
@@ -35,13 +31,9 @@ UNUSED_SECONDS = 30 * 86400.0  # code of other contents is removed that was not 
 
 
 def njit(*, cache: bool = False, counts_references: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return numba's `njit` with these options, where a division by zero gives what it gives in numpy, not an error.
+    """Return numba's `njit`, where a division by zero gives what it gives in numpy: loops are vectorized then.
 
-    To look for one at each division keeps loops from being vectorized.
-    cache: whether the code is kept in `code_folder`, if there is one.
-    counts_references: numba counts the references to each array that a function is called with, by an atomic
-        instruction each. Of functions that look up one voxel or point this is half of the time; those that neither make
-        nor return arrays do without (others do not compile then).
+    counts_references: of arrays, by an atomic instruction each: what neither makes nor returns arrays does without.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:

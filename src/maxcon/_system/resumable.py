@@ -25,11 +25,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Iterator[None]:
-    """Hold a folder of work, `what` ("a study"), while the block runs; it is made if it is not there.
-
-    The block writes the file `record` before any other: a folder with others and without it is somebody else's.
-    FileError if so, or if it cannot be written, or another process is at work on it.
-    """
+    """Hold a folder of work while the block runs; one with other files and no `record` is somebody else's."""
     root = Path(folder)
     check_folder(root)
     sweep(root)
@@ -41,14 +37,8 @@ def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Itera
         yield
 
 
-# --- the same work? -------------------------------------------------------------------------------------------
-
-
 def describe(value: Any) -> Any:
-    """Describe an object as JSON can hold it: the name of its class and the values of its public fields, recursively.
-
-    Two methods of equal fields have the same description. OptionError if something in it has none: a function, say.
-    """
+    """Describe an object as JSON can hold it: the name of its class and its public fields, recursively."""
     if isinstance(value, Enum | np.generic):
         return describe(value.value if isinstance(value, Enum) else value.item())
     if value is None or isinstance(value, bool | int | float | str):
@@ -98,24 +88,13 @@ def differences(before: Any, now: Any, where: str = "") -> str:
     return "; ".join(differences(before.get(key), now.get(key), f"{where}.{key}".strip(".")) for key in keys)
 
 
-# --- a table --------------------------------------------------------------------------------------------------
-
-
 class ResumableTable:
-    """Parquet table that grows by parts, each whole or not there, which are merged into one file in the end (D10).
-
-    path: of the merged file.
-    parts: folder of the parts, of this table alone.
-    keys: columns that name a row. Rows are in their order; of equal keys the merged row counts, then any.
-    what: the table, for messages, e.g. "poses of a drive".
-    """
+    """Parquet table that grows by parts, each whole or not there, which are merged into one file in the end (D10)."""
 
     def __init__(self, path: Path, parts: Path, schema: "pyarrow.Schema", keys: Sequence[str], what: str) -> None:
-        self.path = path
-        self.parts = parts
-        self._schema = schema
-        self._keys = keys
-        self._what = what
+        self.path, self.parts = path, parts  # of the merged file; a folder of this table alone
+        self._schema, self._what = schema, what
+        self._keys = keys  # columns that name a row, in whose order rows are; of equal ones the merged row counts
 
     def part_paths(self) -> list[Path]:
         """Return the files of rows that are not merged."""

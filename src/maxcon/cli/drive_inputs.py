@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,11 @@ from maxcon.cli.options import (
     LARGEST_HALF_WIDTH,
     SIGMAS,
     Certainty,
+    MappingDrive,
     MethodOptions,
     MotionOptions,
     RecordingOptions,
     SpaceOptions,
-    parse_objective,
 )
 from maxcon.cli.terminal import step_bars
 from maxcon.drive.diagnosis import check_heights
@@ -38,18 +40,22 @@ from maxcon.integrity import Trust
 from maxcon.io.fixes import Heights, RecordedPoses
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
 from maxcon.io.raw_scan import DeskewedScans, MergedScans, Scans
+from maxcon.io.recordings.clouds import RecordedScans
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
 from maxcon.io.recordings.poses import read_recorded_poses
-from maxcon.io.recordings.recorded_scans import RecordedScans
 from maxcon.io.recordings.transforms import parse_frames
 from maxcon.io.scans import open_scans
-from maxcon.io.trajectories import read_prior, read_trajectory
+from maxcon.io.trajectories import read_poses_of_scans, read_prior, read_trajectory
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED
+from maxcon.mapping.derived_maps import PlacedScans
 from maxcon.scan.mounting import Mounting, read_mounting
 from maxcon.scan.trajectory import Trajectory
+from maxcon.search.objectives import Objective, as_objective, scores_of
 from maxcon.search.space import PAPER_STEP_DEG, SearchSpace, rounded_up
+
+HALF_A_TURN = 0.05  # s
 
 
 @dataclass(frozen=True)
@@ -138,10 +144,7 @@ class OpenedDrive:
         return self.windows or self.method
 
     def estimates(self, first: int = 0, last: int | None = None) -> Iterator[EpochEstimate]:
-        """Localize the epochs `first` to `last` - 1; a track from its beginning to its end.
-
-        What cannot work is said at once, with the files.
-        """
+        """Localize the epochs `first` to `last` - 1; a track from its beginning to its end."""
         if not self.opener.is_track:
             return self.drive.estimates(first, len(self.scans) if last is None else last, self.opener.threads)
 
@@ -175,10 +178,7 @@ class OpenedDrive:
 
 
 def by_workers(opened: OpenedDrive, engine: Engine, first: int, with_points: frozenset[int]) -> Iterator[EpochEstimate]:
-    """Yield the epochs of a drive from one on, in order, localized by the workers of an engine.
-
-    Points stay with the workers; those of the epochs `with_points` are read once more.
-    """
+    """Yield the epochs from one on, in order, localized by workers; points of those `with_points` are read again."""
     epochs = range(first, len(opened.drive.scans))  # what cannot work is said before anything is started
     found = in_order_of(epochs, _done(opened, engine, list(tasks_of(opened.entry, epochs))))
     return (opened.with_points(epoch) if epoch.epoch in with_points else epoch for epoch in found)
@@ -190,9 +190,6 @@ def _done(opened: OpenedDrive, engine: Engine, tasks: list[DriveTask]) -> Iterat
         if isinstance(found, str):
             raise MaxconError(found)
         yield from ((epoch.epoch, epoch) for epoch in found)
-
-
-# --- scans, prior, odometry -----------------------------------------------------------------------------------
 
 
 def frame_of(scans: Scans, mounting: Mounting | None) -> str:
@@ -222,11 +219,9 @@ def _prior(
             f"Expected --prior with rough poses beside {entry.scans}, got none. Give it; only recordings with poses in"
             " them do without."
         )
-    frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
-    poses = read_rough_poses(
-        source, crs, options.geoid_height, asked,
-        topic=options.prior_topic, are_sure=mounting is not None, frames=frames, sensor_frame=sensor_frame,
-    )  # fmt: skip
+    frames = options.prior_frames and parse_frames(options.prior_frames, "--prior-frames")
+    how = {"topic": options.prior_topic, "frames": frames or None, "sensor_frame": sensor_frame}
+    poses = read_rough_poses(source, crs, options.geoid_height, asked, are_sure=mounting is not None, **how)
     trajectory = poses.trajectory
     if mounting is not None:
         trajectory = mounting.of_prior(trajectory, has_orientations=poses.has_orientations)
@@ -242,17 +237,13 @@ def read_rough_poses(
     path: Path, crs: str | None, geoid_height: float | None, asked: Mapping[str, str | None], *,
     are_sure: bool, **how: Any,
 ) -> RecordedPoses:  # fmt: skip
-    """Return the poses of a recording, a table or a log, as they are there; OptionError for an option without effect.
-
-    `asked`: the options of recordings, by their names; `how`: what `read_recorded_poses` takes of them.
-    """
+    """Return the poses of a recording (`asked` are options of those alone), a table or a log, as they are there."""
     if is_recording(path) and path.suffix.lower() != CAPTURE_SUFFIX:
         return read_recorded_poses(path, crs=crs, geoid_height=geoid_height, are_sure=are_sure, **how)
     check_exclusive({f"{path}, which is no recording,": True}, asked)
     if not is_recording(path) and is_geographic(path):
         return read_geographic_prior(path, crs, geoid_height, are_sure=are_sure)
-    of_receivers = {"--geoid-height": geoid_height}
-    check_exclusive({f"{path}, which is not in latitude and longitude,": True}, of_receivers)
+    check_exclusive({f"{path}, which is not in latitude and longitude,": True}, {"--geoid-height": geoid_height})
     return read_prior(path)
 
 
@@ -276,37 +267,29 @@ def _odometry(
     return trajectory if mounting is None else mounting.of_odometry(trajectory), words
 
 
-# --- where to search -------------------------------------------------------------------------------------------
-
-
 def _fixed_space(given: SpaceOptions) -> SearchSpace:
     """The space of the half widths, the usual ones if not given, rounded up to whole steps."""
 
-    def in_steps(reach: float, step: float | None) -> float:
+    def in_steps(reach: float | None, usual: float, step: float | None) -> float:
+        reach = usual if reach is None else reach
         # What makes no sense stays as it is, to be refused in words.
         makes_sense = 0.0 <= reach < math.inf and (step is None or 0.0 < step < math.inf)
         return rounded_up(reach, step) if makes_sense else reach
 
-    usual = SearchSpace()
-    half_width = usual.half_width if given.half_width is None else given.half_width
-    turn = usual.heading_half_width_deg if given.heading_half_width_deg is None else given.heading_half_width_deg
-    step_deg = PAPER_STEP_DEG if given.heading_step_deg is None and given.cell else given.heading_step_deg
-    return SearchSpace(
-        in_steps(half_width, given.cell),
-        given.cell,
-        in_steps(turn, step_deg),
-        given.heading_step_deg,
-        in_steps(given.height_half_width or 0.0, given.cell),
+    usual, cell = SearchSpace(), given.cell
+    step_deg = PAPER_STEP_DEG if given.heading_step_deg is None and cell else given.heading_step_deg
+    half_width, height = (
+        in_steps(given.half_width, usual.half_width, cell),
+        in_steps(given.height_half_width, 0.0, cell),
     )
+    turn = in_steps(given.heading_half_width_deg, usual.heading_half_width_deg, step_deg)
+    return SearchSpace(half_width, cell, turn, given.heading_step_deg, height)
 
 
 def _within_sigmas(
     given: SpaceOptions, method: MaximumConsensus, prior: Trajectory, max_gap: float, *, track: bool
 ) -> WithinSigmas | None:
-    """What searches within given standard deviations, or those of the prior; None for half widths.
-
-    A track is searched within half widths, unless standard deviations are given.
-    """
+    """What searches within standard deviations, given or of the prior; None for half widths, those of tracks."""
     if given.sigma_position is not None and given.sigma_heading_deg is not None:
         variances = np.square([given.sigma_position, given.sigma_position, math.radians(given.sigma_heading_deg)])
         covariances = np.tile(np.diag(variances), (len(prior), 1, 1))
@@ -320,3 +303,49 @@ def _within_sigmas(
         return None
     largest = LARGEST_HALF_WIDTH if given.largest_half_width is None else given.largest_half_width
     return WithinSigmas(method, prior, SIGMAS if given.sigmas is None else given.sigmas, largest, max_gap)
+
+
+def placed_scans(drive: MappingDrive, path: Path, poses_path: Path, quiet: bool) -> PlacedScans:
+    """Return scans that a map is made of, placed by their poses."""
+    mounting = None if drive.mounting is None else read_mounting(drive.mounting)
+    if mounting is not None and mounting.scanners:
+        raise OptionError(f"Expected one scanner, [sensor], in {drive.mounting}, got several. Build a map of one.")
+    scans = open_scans(path, drive.times, topic=drive.topic, at_stamp=drive.at_stamp)
+    _words_of(scans, quiet)
+    check_needs({"--poses-topic": drive.poses_topic}, {"a recording as --poses": is_recording(poses_path)})
+    if is_recording(poses_path):
+        frame = frame_of(scans, mounting)
+        poses = read_recorded_poses(poses_path, drive.poses_topic, is_odometry=True, sensor_frame=frame).trajectory
+    else:
+        poses = read_poses_of_scans(poses_path, scans.times)
+    if mounting is not None:
+        poses = mounting.of_odometry(poses)
+    opened = DeskewedScans(scans, poses, turn_time=drive.turn_time) if drive.deskew else scans
+    return PlacedScans(
+        opened, poses, path, min_range=drive.min_range, max_range=drive.max_range,
+        margin=HALF_A_TURN if drive.deskew else 0.0, poses_path=poses_path,
+    )  # fmt: skip
+
+
+def parse_objective(word: str) -> Objective:
+    """Return the objective of a name, or one's own, "package.module:Name", also of the working folder."""
+    module_name, colon, name = word.partition(":")
+    if not colon:
+        return as_objective(word)
+    sys.path.insert(0, "")
+    try:
+        found = getattr(import_module(module_name), name)
+        objective = as_objective(found() if isinstance(found, type) else found)
+    except OptionError:
+        raise
+    except Exception as error:  # the user's own code may fail in any way
+        raise OptionError(
+            f"Expected {word!r} to name an objective in a module that can be imported, got"
+            f" {type(error).__name__}: {error}. Write it as package.module:Name."
+        ) from error
+    finally:
+        sys.path.remove("")
+        if "" not in sys.path:
+            sys.path.append("")  # where workers look for it, too
+    scores_of(objective, np.array([[[[9.0, 5.0, 1.0, 4.0], [4.0, 3.0, 0.0, 1.0]]]]))  # fails before work begins
+    return objective

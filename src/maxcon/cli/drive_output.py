@@ -45,9 +45,6 @@ PAGES = (".html", ".htm")
 N_PICTURES = 10  # pictures drawn when none are asked for by number, evenly over the drive
 
 
-# --- before the work -------------------------------------------------------------------------------------------
-
-
 def check_outputs(
     out: Path, table: TableOptions, *, prior: Path | None = None, plot: Path | None = None, report: Path | None = None
 ) -> None:
@@ -56,9 +53,7 @@ def check_outputs(
     if len(set(named)) < len(named):
         raise OptionError("Expected different files as --prior, --out, --tum and --report, got one twice. Rename one.")
     if out.suffix.lower() not in ("", ".csv", ".txt"):
-        raise OptionError(
-            f"Expected a .csv as --out, got {out}. Write POSES.csv; `maxcon export` turns it into other formats."
-        )
+        raise OptionError(f"Expected a .csv as --out, got {out}. Write .csv; `maxcon export` turns it into others.")
     if report is not None:
         if report.suffix.lower() not in PAGES:
             raise OptionError(f"Expected a page {' or '.join(PAGES)} as --report, got {report}. Rename it.")
@@ -94,9 +89,6 @@ def parse_epochs(text: str | None, n_epochs: int) -> frozenset[int]:
             )
         numbers.update(range(int(first), int(last) + 1))
     return frozenset(numbers)
-
-
-# --- while epochs come -----------------------------------------------------------------------------------------
 
 
 def drawer(drive: OpenedDrive, folder: Path, wanted: frozenset[int]) -> Callable[[EpochEstimate], None]:
@@ -171,8 +163,14 @@ class TableOfDrive:
                 raise FileError(self.epochs[0].reason)
 
     def end(self) -> None:
-        """End as `end_of_drive`, of all rows."""
-        end_of_drive(self.epochs, len(self.times), self.there.n_localized, is_track=self.is_track)
+        """Exit with 1 unless every epoch is localized; of a track every one from the first that is."""
+        are_localized = [epoch.pose_global is not None for epoch in self.epochs]
+        if self.is_track and any(are_localized):
+            is_whole = all(are_localized[are_localized.index(True) :])
+        else:
+            is_whole = self.there.n_localized + sum(are_localized) == len(self.times)
+        if not is_whole:
+            raise typer.Exit(1)
 
     def write_tum(self) -> None:
         """Write the poses of all epochs, also of those that were there, as TUM, if asked; say where there are none."""
@@ -190,10 +188,7 @@ class TableOfDrive:
             write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
 
     def print_summary(self, map_: Path | str, searched: str, left_out: tuple[str, ...] = ()) -> None:
-        """Say how many epochs are localized, in which time and searched where, and why the others are not.
-
-        left_out: what is wrong with rows of the prior that are no poses.
-        """
+        """Say how many epochs are localized, in which time and searched where, and why the others are not."""
         there, epochs = self.there, self.epochs
         if there.n_rows and not epochs:
             typer.echo(
@@ -234,23 +229,6 @@ class TableOfDrive:
         if doubtful:
             number, reason = doubtful[0].epoch, doubtful[0].reason
             typer.echo(f"{len(doubtful)} have a reason beside them; the first, epoch {number}: {reason}")
-
-
-def end_of_drive(
-    epochs: list[EpochEstimate], n_epochs: int, n_localized_before: int = 0, *, is_track: bool = False
-) -> None:
-    """Exit with 1 unless every epoch is localized; of a track every one from the first that is.
-
-    A track that begins where several places look alike has no answer until it has seen enough of the way to tell them
-    apart: that is how it works, and no fault of the drive.
-    """
-    are_localized = [epoch.pose_global is not None for epoch in epochs]
-    if is_track and any(are_localized):
-        is_whole = all(are_localized[are_localized.index(True) :])
-    else:
-        is_whole = n_localized_before + sum(are_localized) == n_epochs
-    if not is_whole:
-        raise typer.Exit(1)
 
 
 def searched_words(drive: OpenedDrive, epochs: list[EpochEstimate]) -> str:
@@ -334,9 +312,6 @@ def printed(drive: Iterator[EpochEstimate]) -> Iterator[EpochEstimate]:
             words = f"x {pose.x:.3f} y {pose.y:.3f} z {pose.z:.3f} m, heading {math.degrees(pose.heading):.2f} degrees"
         typer.echo(f"{epoch.raw.name}: {epoch.status.value}{'; ' if words else ''}{words}")
         yield epoch.without_points()
-
-
-# --- many drives -----------------------------------------------------------------------------------------------
 
 
 def localize_many(

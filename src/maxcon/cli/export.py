@@ -18,23 +18,20 @@ if TYPE_CHECKING:
 
 
 class ExportOptions(OptionGroup):
-    """What is exported, and to where."""
+    """What is exported, and to where.
+
+    out: File to write: .geojson, .gpkg (extra export), .kml, .mcap (extra recordings), .rrd (extra view), .tum, .kitti,
+        or .csv with degrees; with --scans .laz or .las.
+    map_folder: The map the poses are in: tells the CRS; .mcap and .rrd show it.
+    scans: The scans of the drive, placed in the map: all points as LAZ, thinned in .mcap, .rrd.
+    """
 
     table: Path = argument(..., "POSES.csv, or the folder of many drives, as `maxcon localize` writes them.", "POSES")
-    out: Path = flag(
-        ...,
-        "File to write: .geojson, .gpkg (extra export), .kml, .mcap (extra recordings), .rrd (extra view), .tum,"
-        " .kitti, or .csv with degrees; with --scans .laz or .las.",
-        "--out", "-o", metavar="FILE",
-    )  # fmt: skip
+    out: Path = flag(..., None, "--out", "-o", metavar="FILE")
     drive: str | None = flag(None, "Which drive of the folder; the only one if not given.", metavar="NAME")
-    map_folder: Path | None = flag(
-        None, "The map the poses are in: tells the CRS; .mcap and .rrd show it.", "--map", metavar="MAP"
-    )
+    map_folder: Path | None = flag(None, None, "--map", metavar="MAP")
     crs: str | None = flag(None, "CRS of the poses, where the map tells none.", metavar="EPSG:N|WKT")
-    scans: Path | None = flag(
-        None, "The scans of the drive, placed in the map: all points as LAZ, thinned in .mcap, .rrd.", metavar="SCANS"
-    )
+    scans: Path | None = flag(None, metavar="SCANS")
     scores: bool = flag(False, "With --map and --scans, in .rrd: show the scores of the cells around each prior.")
     topic: Topic = None
     times: Path | None = flag(None, "Time of each scan, as for `maxcon localize`.", metavar="FILE")
@@ -93,9 +90,7 @@ def check_out(source: Path, out: Path, *, overwrite: bool) -> None:
             raise OptionError("Expected another file to export to, got what is exported. Rename it.")
         check_writable(path)
         if path.is_file() and not overwrite:
-            raise FileError(
-                f"Expected {path} not to exist yet, but it does. Replace it (--overwrite), or name another."
-            )
+            raise FileError(f"Expected {path} not to exist yet, but it does. Replace it (--overwrite) or name another.")
 
 
 def _map_of(map_folder: Path, table: Path, rows: "list[PoseRow]") -> "PointMap":

@@ -4,6 +4,7 @@
 
 import functools
 import inspect
+import re
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, field, fields
@@ -14,11 +15,11 @@ from typer.core import TyperCommand
 
 from maxcon.errors import OptionError
 
-TITLES = (
+TITLES = (  # in the order of the help; options without a title stand under the last
     "Arguments", "Inputs", "Scans instead of clouds", "Recordings and scanners", "Passes", "Classes", "Method",
     "Search space", "Motion", "Certainty", "Output", "How it is done", "Map", "Options",
 )  # fmt: skip
-"""Titles in the help, in this order; options without a title stand under the last."""
+HELP = re.compile(r"^(\w+): (.+(?:\n    .+)*)", re.MULTILINE)  # in the docstring of a group
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
@@ -33,17 +34,18 @@ class OptionGroup:
         dataclass(frozen=True, kw_only=True)(cls)
 
 
-def flag(default: Any, help: str, *names: str, **how: Any) -> Any:
-    """Return the field of an option: its default, or `...` where it must be given, and what typer is told of it."""
-    return _field(default, typer.Option(*names, help=help, **how))
+def flag(default: Any, help: str | None = None, *names: str, **how: Any) -> Any:
+    """Return the field of an option: its default, or `...` where it must be given, and what typer is told of it.
+
+    Long help stands in the docstring of its group, as `name: words`.
+    """
+    told = typer.Option(*names, help=help, **how)
+    return field(default=MISSING if default is ... else default, metadata={"told": told})
 
 
-def argument(default: Any, help: str, metavar: str, **how: Any) -> Any:
+def argument(default: Any, help: str | None, metavar: str, **how: Any) -> Any:
     """Return the field of an argument, likewise."""
-    return _field(default, typer.Argument(help=help, metavar=metavar, **how))
-
-
-def _field(default: Any, told: Any) -> Any:
+    told = typer.Argument(help=help, metavar=metavar, **how)
     return field(default=MISSING if default is ... else default, metadata={"told": told})
 
 
@@ -58,7 +60,9 @@ def flags(command: Callable[..., None]) -> Callable[..., None]:
     flat: list[inspect.Parameter] = []
     for name, each in parameters.items():
         if name in groups:
-            flat += [_parameter(field, groups[name].title) for field in fields(groups[name])]
+            docs = [inspect.getdoc(each) or "" for each in groups[name].__mro__[::-1]]
+            helps = dict(HELP.findall("\n".join(docs)))
+            flat += [_parameter(field, groups[name].title, helps) for field in fields(groups[name])]
         else:
             flat.append(each.replace(kind=inspect.Parameter.KEYWORD_ONLY))
 
@@ -75,11 +79,12 @@ def flags(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _parameter(field: Field[Any], title: str) -> inspect.Parameter:
+def _parameter(field: Field[Any], title: str, helps: Mapping[str, str]) -> inspect.Parameter:
     """The parameter of a field; a flag that is off if not given has no second name that turns it off."""
     kind, told = (field.type, field.metadata["told"]) if field.metadata else get_args(field.type)
     told = copy(told)
     told.rich_help_panel = told.rich_help_panel or title
+    told.help = told.help or " ".join(helps.get(field.name, "").split())
     if field.default is False and told.default is ...:  # where typer keeps the first name that is given
         told.param_decls = (f"--{field.name.replace('_', '-')}",)
     default = inspect.Parameter.empty if field.default is MISSING else field.default
@@ -115,9 +120,7 @@ def check_needs(options: Mapping[str, object], needed: Mapping[str, object]) -> 
     """Refuse options where none of those is given that they act on: OptionError."""
     given = _given(options)
     if given and not _given(needed):
-        raise OptionError(
-            f"Expected {given[0]} together with {' or '.join(needed)}, got it alone. Add that, or leave it out."
-        )
+        raise OptionError(f"Expected {given[0]} together with {' or '.join(needed)}, got it alone. Give both or none.")
 
 
 def _given(options: Mapping[str, object]) -> list[str]:

@@ -6,7 +6,7 @@ import csv
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -23,35 +23,31 @@ MOST_NAMED = 5  # outliers
 
 
 class PlaceOptions(OptionGroup):
-    """What is known of where a map lies."""
+    """What is known of where a map lies.
+
+    gnss: Positions of a receiver: NMEA, CSV (latitude, longitude), a recording; TUM, CSV in the CRS.
+    trajectory: Where the scanner was in the map, at the receiver's times, or poses for --poses-out.
+    mounting: Where [sensor] and [prior], the antenna, are in the vehicle; else at one place.
+    control: Control points: name; x,y,z in the map; east,north,height in the CRS; sigma, else 0.05 m.
+    level_sigma_deg: How well the map's z axis is known to be up, as of LiDAR-inertial programs, degrees.
+    """
 
     map_folder: Path = argument(..., "Map in coordinates of its own, of a SLAM program for example.", "MAP")
     crs: str = flag(..., "CRS of the new map, in metres.", metavar="EPSG:N|WKT")
     out: Path = flag(..., "Folder of the map to write.", "--out", "-o", metavar="MAP2")
-    gnss: Path | None = flag(
-        None,
-        "Positions of a receiver: NMEA, CSV (latitude, longitude), a recording; TUM, CSV in the CRS.",
-        metavar="FILE",
-    )
-    trajectory: Path | None = flag(
-        None, "Where the scanner was in the map, at the receiver's times, or poses for --poses-out.", metavar="TUM|CSV"
-    )
-    mounting: Path | None = flag(
-        None, "Where [sensor] and [prior], the antenna, are in the vehicle; else at one place.", metavar="TOML"
-    )
+    gnss: Path | None = flag(None, metavar="FILE")
+    trajectory: Path | None = flag(None, metavar="TUM|CSV")
+    mounting: Path | None = flag(None, metavar="TOML")
     gnss_topic: str | None = flag(None, "Which positions of a recording.", metavar="NAME")
     geoid_height: GeoidHeight = None
     allow_inexact_crs: AllowInexactCrs = False
-    control: Path | None = flag(
-        None, "Control points: name; x,y,z in the map; east,north,height in the CRS; sigma, else 0.05 m.", metavar="CSV"
-    )
-    level_sigma_deg: float | None = flag(
-        None, "How well the map's z axis is known to be up, as of LiDAR-inertial programs, degrees.", metavar="DEG"
-    )
+    control: Path | None = flag(None, metavar="CSV")
+    level_sigma_deg: float | None = flag(None, metavar="DEG")
     with_scale: bool = flag(False, "Distances in the map may be off by a factor, too.")
     residuals: Path | None = flag(None, "Also write the residuals.", metavar="CSV")
     picture: Path | None = flag(None, "Also draw them.", metavar="PNG|SVG")
     poses_out: Path | None = flag(None, "Also write the trajectory in the CRS.", metavar="TUM")
+    overwrite: bool = flag(False, "Replace MAP2 if there is one.")
 
     def __post_init__(self) -> None:
         gnss, poses = {"--gnss": self.gnss}, {"--poses-out": self.poses_out}
@@ -78,10 +74,8 @@ class PlaceOptions(OptionGroup):
             if self.mounting is not None:
                 mounting = read_mounting(self.mounting)
                 antenna = sensor_trajectory(antenna, mounting.T_vehicle_sensor.inverse @ mounting.T_vehicle_prior)
-            asked = {"--gnss-topic": self.gnss_topic}
-            fixes = read_rough_poses(
-                self.gnss, self.crs, self.geoid_height, asked, topic=self.gnss_topic, are_sure=True
-            )
+            asked, topic = {"--gnss-topic": self.gnss_topic}, self.gnss_topic
+            fixes = read_rough_poses(self.gnss, self.crs, self.geoid_height, asked, topic=topic, are_sure=True)
             operation = fixes.operation
             # A receiver's places are in the datum of its corrections: an operation that moves none is no fault.
             is_safe = operation is None or not (operation.moves or operation.accuracy < 0.0)
@@ -92,11 +86,7 @@ class PlaceOptions(OptionGroup):
 
 
 @flags
-def georeference(
-    what: PlaceOptions,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MAP2 if there is one.")] = False,
-    quiet: Quiet = False,
-) -> None:
+def georeference(what: PlaceOptions, quiet: Quiet = False) -> None:
     """Write a map in the coordinates of a CRS, where positions of a receiver, or control points, say that it lies."""
     from maxcon.cli.map_words import print_manifest
     from maxcon.io.crs import metric_crs
@@ -105,10 +95,8 @@ def georeference(
     from maxcon.mapping.georeference import georeference as placed_by
     from maxcon.plotting.poses import plot_residuals
 
-    crs, level = metric_crs(what.crs), what.level_sigma_deg
-    found = placed_by(
-        what.places(), with_scale=what.with_scale, level_sigma=None if level is None else math.radians(level)
-    )
+    crs, level = metric_crs(what.crs), what.level_sigma_deg and math.radians(what.level_sigma_deg)
+    found = placed_by(what.places(), with_scale=what.with_scale, level_sigma=level)
     rows = _rows(found)
     print_rows(rows)
     if what.residuals is not None:
@@ -119,7 +107,7 @@ def georeference(
     if what.poses_out is not None and what.trajectory is not None:
         write_tum(what.poses_out, found.of_poses(read_trajectory(what.trajectory)))
     with step_bars(quiet) as report, compiling_told(quiet):
-        manifest = move_map(what.map_folder, found, crs, what.out, overwrite=overwrite, progress=report)
+        manifest = move_map(what.map_folder, found, crs, what.out, overwrite=what.overwrite, progress=report)
     typer.echo(f"{what.out}")
     print_manifest(manifest)
 
@@ -148,6 +136,8 @@ def _rows(found: "Georeference") -> list[tuple[str, str]]:
 
 
 def _write_residuals(path: Path, found: "Georeference") -> None:
+    import numpy as np
+
     from maxcon._system.atomic import atomic_file
 
     names = [name for each in found.places for name in each.names]
@@ -156,8 +146,6 @@ def _write_residuals(path: Path, found: "Georeference") -> None:
     with atomic_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(columns.split())
-        for row in zip(names, measured, found.residuals, found.sigmas, found.are_outliers, strict=True):
-            name, place, residual, sigma, is_outlier = row
-            writer.writerow(
-                [name, *(f"{value:.4f}" for value in (*place, *residual, sigma[0], sigma[2])), int(is_outlier)]
-            )
+        values = np.column_stack([measured, found.residuals, found.sigmas[:, [0, 2]]])
+        for name, row, is_outlier in zip(names, values.tolist(), found.are_outliers, strict=True):
+            writer.writerow([name, *(f"{value:.4f}" for value in row), int(is_outlier)])

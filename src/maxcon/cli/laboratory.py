@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from maxcon.lab.study import MethodStatistics, Study
 
 
-# --- simulate --------------------------------------------------------------------------------------------------
-
-
 class Simulated(OptionGroup):
     """What is simulated."""
 
@@ -88,9 +85,6 @@ def _print_parts(dataset: "Dataset") -> None:
     print_rows((name, str(part)) for name, part in parts.items() if part is not None)
 
 
-# --- demo ------------------------------------------------------------------------------------------------------
-
-
 class DemoOptions(OptionGroup):
     """What the demo makes."""
 
@@ -151,25 +145,19 @@ def _print_demo(results: "DemoResults") -> None:
     Console(soft_wrap=True).print(results.wide_words, markup=False, highlight=False)
 
 
-# --- study and report ------------------------------------------------------------------------------------------
-
-
 class StudyOptions(OptionGroup, title="Inputs"):
-    """What is studied, and where."""
+    """What is studied, and where.
+
+    methods: Names of methods and sets (consensus, baselines, ground, weights, thinning, cells, density), and objectives
+        of your own, package.module:Name, each beside ours. Default: consensus,baselines; without those whose packages
+        are not installed.
+    prior: Prior of the dataset, or reference; repeatable. Default: all of the dataset.
+    """
 
     dataset: Path = argument(..., "Folder with a dataset.toml, or such a file.", "DATASET")
     out: Path = flag(..., "Folder; a study there goes on.", "--out", "-o", metavar="STUDY", rich_help_panel="Output")
-    methods: str | None = flag(
-        None,
-        "Names of methods and sets (consensus, baselines, ground, weights, thinning, cells, density), and objectives of"
-        " your own, package.module:Name, each beside ours. Default: consensus,baselines; without those whose packages"
-        " are not installed.",
-        metavar="LIST",
-        rich_help_panel="Method",
-    )
-    prior: list[str] | None = flag(
-        None, "Prior of the dataset, or reference; repeatable. Default: all of the dataset.", metavar="NAME"
-    )
+    methods: str | None = flag(None, metavar="LIST", rich_help_panel="Method")
+    prior: list[str] | None = flag(None, metavar="NAME")
     epochs: int | None = flag(None, "So many scans, evenly spread. Default: all.", metavar="N", min=1)
 
 
@@ -192,7 +180,7 @@ def study(
 
     Stopped or killed, the same command goes on; with other methods, priors or epochs it adds to the table.
     """
-    from maxcon.cli.options import parse_objective
+    from maxcon.cli.drive_inputs import parse_objective
     from maxcon.drive.localize import DriveOptions
     from maxcon.lab.dataset import Dataset
     from maxcon.lab.study import DEFAULT_SETS, choose_methods, installed_methods, run_study
@@ -275,7 +263,7 @@ class ReportOptions(OptionGroup):
 @flags
 def report(what: ReportOptions, quiet: Quiet = False) -> None:
     """Write the page of a study: claims, tables and figures in one file. Needs the extra demo."""
-    from maxcon.cli.options import parse_objective
+    from maxcon.cli.drive_inputs import parse_objective
     from maxcon.lab.report.study_report import report_study
 
     objective = None if what.objective is None else parse_objective(what.objective)

@@ -19,46 +19,34 @@ from maxcon.cli.options import (
     RangeOptions,
     RecordingOptions,
     Risk,
+    ScoresOptions,
     SpaceOptions,
     TableOptions,
     Times,
     Topic,
+    ViewOptions,
     WorkerOptions,
 )
 from maxcon.cli.terminal import warn
-from maxcon.cli.viewing import ScoresOptions, ViewOptions
 from maxcon.errors import OptionError
-
-# --- localize --------------------------------------------------------------------------------------------------
 
 
 class DriveFiles(OptionGroup, title="Inputs"):
-    """The files of a drive, or the table of many."""
+    """The files of a drive, or the table of many.
+
+    scans: Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans; or a recording: .bag, .mcap, .db3, .pcap, or
+        the folder of a ROS 2 bag.
+    drives: Instead of SCANS: a table of many drives, each with its name, scans, prior, and map where that is not MAP.
+    prior: Rough poses T_map_sensor, in the CRS of the map; or by latitude and longitude, in a CSV, a log of NMEA
+        sentences (.nmea, .log, .txt), or a recording. Without it the poses in the recording of the scans.
+    out: Table to write, a row per epoch; with --drives the folder of a Parquet dataset, which goes on.
+    """
 
     map_folder: Path | None = argument(None, "Map made by `maxcon map build`.", "MAP", show_default=False)
-    scans: Path | None = argument(
-        None,
-        "Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans; or a recording: .bag, .mcap, .db3, .pcap, or the"
-        " folder of a ROS 2 bag.",
-        "SCANS",
-        show_default=False,
-    )
-    drives: Path | None = flag(
-        None,
-        "Instead of SCANS: a table of many drives, each with its name, scans, prior, and map where that is not MAP.",
-        metavar="CSV|TOML",
-    )
-    prior: Path | None = flag(
-        None,
-        "Rough poses T_map_sensor, in the CRS of the map; or by latitude and longitude, in a CSV, a log of NMEA"
-        " sentences (.nmea, .log, .txt), or a recording. Without it the poses in the recording of the scans.",
-        metavar="TUM|CSV|NMEA|RECORDING",
-    )
-    out: Path = flag(
-        ...,
-        "Table to write, a row per epoch; with --drives the folder of a Parquet dataset, which goes on.",
-        "--out", "-o", metavar="POSES.csv", rich_help_panel="Output",
-    )  # fmt: skip
+    scans: Path | None = argument(None, None, "SCANS", show_default=False)
+    drives: Path | None = flag(None, metavar="CSV|TOML")
+    prior: Path | None = flag(None, metavar="TUM|CSV|NMEA|RECORDING")
+    out: Path = flag(..., None, "--out", "-o", metavar="POSES.csv", rich_help_panel="Output")
 
 
 class TimeOptions(OptionGroup, title="Inputs"):
@@ -69,16 +57,16 @@ class TimeOptions(OptionGroup, title="Inputs"):
 
 
 class PictureOptions(OptionGroup, title="Output"):
-    """Which epochs are drawn."""
+    """Which epochs are drawn.
+
+    report: Write a page of the drive: map, statuses, protection levels, worst epochs.
+    reference: Poses held for true: summary and --report say how far answers are from them.
+    """
 
     plot: Path | None = flag(None, "Draw epochs into this folder.", metavar="DIR")
     plot_epochs: str | None = flag(None, "Epochs to draw: 0,5,10-20 or all. Default: ten of the drive.", metavar="LIST")
-    report: Path | None = flag(
-        None, "Write a page of the drive: map, statuses, protection levels, worst epochs.", metavar="PAGE.html"
-    )
-    reference: Path | None = flag(
-        None, "Poses held for true: summary and --report say how far answers are from them.", metavar="TUM|CSV"
-    )
+    report: Path | None = flag(None, metavar="PAGE.html")
+    reference: Path | None = flag(None, metavar="TUM|CSV")
 
     def __post_init__(self) -> None:
         check_needs({"--plot-epochs": self.plot_epochs}, {"--plot DIR": self.plot})
@@ -105,8 +93,7 @@ def localize(
     """
     from maxcon._system.engine import Engine
     from maxcon.cli import drive_output
-    from maxcon.cli.drive_inputs import DriveOpener, by_workers
-    from maxcon.cli.options import parse_objective
+    from maxcon.cli.drive_inputs import DriveOpener, by_workers, parse_objective
     from maxcon.drive.localize import DriveOptions
     from maxcon.drive.many import DriveEntry
     from maxcon.io.trajectories import read_trajectory
@@ -175,25 +162,20 @@ def _absolute(path: Path | None) -> Path | None:
     return path if path is None or address_of(path) else path.absolute()
 
 
-# --- relocalize ------------------------------------------------------------------------------------------------
-
-
 class ScanFiles(OptionGroup, title="Recordings and scanners"):
-    """The map and the scans, and how these are read."""
+    """The map and the scans, and how these are read.
+
+    out: Table to write, a row per epoch; if not given, a line is printed for each.
+    threads: Headings searched at once; the answers do not depend on it.
+    """
 
     map_folder: Path = argument(..., "Map made by `maxcon map build`, with ground.", "MAP")
     scans: Path = argument(..., "Folder of scans, or a recording, as of `maxcon localize`.", "SCANS")
-    out: Path | None = flag(
-        None,
-        "Table to write, a row per epoch; if not given, a line is printed for each.",
-        "--out", "-o", metavar="POSES.csv", rich_help_panel="Output",
-    )  # fmt: skip
+    out: Path | None = flag(None, None, "--out", "-o", metavar="POSES.csv", rich_help_panel="Output")
     topic: Topic = None
     at_stamp: AtStamp = False
     times: Times = None
-    threads: int = flag(
-        1, "Headings searched at once; the answers do not depend on it.", min=1, rich_help_panel="How it is done"
-    )
+    threads: int = flag(1, min=1, rich_help_panel="How it is done")
 
 
 class CircleOptions(OptionGroup, title="Search space"):
@@ -264,16 +246,16 @@ def relocalize(
     relocalizer = Relocalizer(point_map, middle, radius, n_threads=files.threads, trust=trust, risk=certainty.risk)
     opened = open_scans(files.scans, files.times, topic=files.topic, at_stamp=files.at_stamp)
     near = np.array([*(circle.middle or point_map.frame.origin[:2]), point_map.frame.origin[2]])
-    if out is None:
-        with view.shown(relocalize_drive(opened, relocalizer, options), point_map, near) as shown:
-            epochs = list(drive_output.printed(shown))
-        drive_output.end_of_drive(epochs, len(opened))
-        return
-    localized = drive_output.TableOfDrive(out, table, opened.times)
+    localized = drive_output.TableOfDrive(out or Path(), table, opened.times)
     started = relocalize_drive(opened, relocalizer, options, first=localized.there.n_rows)
     with view.shown(started, point_map, near) as shown:
-        localized.write(shown, quiet)
-    where = "the whole map" if circle.around is None else f"{radius:g} m around {circle.around}"
-    localized.print_summary(files.map_folder, f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells")
-    localized.write_tum()
+        if out is None:
+            localized.epochs += drive_output.printed(shown)
+        else:
+            localized.write(shown, quiet)
+    if out is not None:
+        where = "the whole map" if circle.around is None else f"{radius:g} m around {circle.around}"
+        found = f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells"
+        localized.print_summary(files.map_folder, found)
+        localized.write_tum()
     localized.end()

@@ -21,9 +21,6 @@ MOST_PAIRS = 15  # in the printed table; residuals.csv has all
 MOST_SOURCES = 20
 
 
-# --- a map -----------------------------------------------------------------------------------------------------
-
-
 def print_manifest(manifest: Manifest) -> None:
     """Say what a map is made of."""
     edge, keys, build = TILE_VOXELS * manifest.cell, manifest.tiles.rows["key"], manifest.build
@@ -76,11 +73,9 @@ def rows_of_updates(updates: Sequence[Mapping[str, Any]]) -> list[tuple[str, str
     if not updates:
         return []
     last = updates[-1]
-    total = max(last["n_known"] + last["n_gone"] + last["n_new"], 1)
-    rows = [
-        (name, f"{last[f'n_{name}']:,} voxels, {100.0 * last[f'n_{name}'] / total:.2f} %")
-        for name in ("known", "gone", "new")
-    ]
+    counts = {name: last[f"n_{name}"] for name in ("known", "gone", "new")}
+    total = max(sum(counts.values()), 1)
+    rows = [(name, f"{count:,} voxels, {100.0 * count / total:.2f} %") for name, count in counts.items()]
     for number, each in enumerate(updates, 1):
         drives = ", ".join(f"{drive['name']} ({drive['n_looks']:,} looks)" for drive in each["drives"])
         changed = f"{each['n_now_gone']:,} gone, {each['n_now_new']:,} new, {each['n_back']:,} back"
@@ -164,9 +159,6 @@ def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
     return "; ".join(filter(None, parts))
 
 
-# --- an alignment ----------------------------------------------------------------------------------------------
-
-
 def print_alignment(found: Alignment) -> None:
     """Say how far passes lay apart and lie apart, and what that means for a map."""
     drift = found.adjusted.drift_sigma
@@ -180,17 +172,12 @@ def print_alignment(found: Alignment) -> None:
     ])  # fmt: skip
     _print_pairs(found)
     in_crs = math.hypot(found.sigma_of_map, found.sigma_of_datum)
+    before_and_after = f"{found.sigma_before:.4f} m before, {found.sigma_of_pass:.4f} m after"
     print_rows([
-        (
-            "sigma",
-            f"one pass beside the others {found.sigma_before:.4f} m before, {found.sigma_of_pass:.4f} m after; a map of"
-            f" all of them {found.sigma_of_map:.4f} m: `map build` finds it in alignment.json",
-        ),
-        (
-            "datum",
-            f"the mean of the passes' georeference, known to {found.sigma_of_datum:.3f} m: where answers have to hold"
-            f" in the CRS, --sigma {in_crs:.3f}",
-        ),
+        ("sigma", f"one pass beside the others {before_and_after}; a map of all of them {found.sigma_of_map:.4f} m:"
+         " `map build` finds it in alignment.json"),
+        ("datum", f"the mean of the passes' georeference, known to {found.sigma_of_datum:.3f} m: where answers have to"
+         f" hold in the CRS, --sigma {in_crs:.3f}"),
         *(("note", each.words) for each in found.connectivity if each.words),
     ])  # fmt: skip
 

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from maxcon.cli.drive_of_map import DriveOptions
 from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclusive, flag, flags
 from maxcon.cli.georeference import georeference
-from maxcon.cli.options import AllowInexactCrs, Quiet, RangeOptions, Scheduler
+from maxcon.cli.options import AllowInexactCrs, MappingDrive, Quiet, RangeOptions, Scheduler, ViewOptions
 from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
-from maxcon.cli.viewing import ViewOptions
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
@@ -28,20 +26,16 @@ app = typer.Typer(
 )
 
 
-# --- update ----------------------------------------------------------------------------------------------------
-
-
 class UpdateFiles(OptionGroup):
-    """The map, the drives, and what it takes to see a change."""
+    """The map, the drives, and what it takes to see a change.
+
+    drives: Scans and the table of their poses in turn: SCANS POSES.csv SCANS POSES.csv ... Scans as `maxcon localize`
+        takes them, or a dataset.toml, whose reference poses are taken if no table follows. Of many drives a table is
+        FOLDER/drive=NAME/poses.parquet.
+    """
 
     map_folder: Path = argument(..., "Map made by `maxcon map build`.", "MAP")
-    drives: list[Path] = argument(
-        ...,
-        "Scans and the table of their poses in turn: SCANS POSES.csv SCANS POSES.csv ... Scans as `maxcon localize`"
-        " takes them, or a dataset.toml, whose reference poses are taken if no table follows. Of many drives a table is"
-        " FOLDER/drive=NAME/poses.parquet.",
-        "DRIVES...",
-    )
+    drives: list[Path] = argument(..., None, "DRIVES...")
     out: Path = flag(..., "Folder of the new version.", "--out", "-o", metavar="MAP2")
     reach: float = flag(30.0, "Surfaces farther from the sensor are not judged, m.", metavar="M")
     least_looks: int = flag(2, "Looks from places at least 0.5 m apart that it takes to call a change.", metavar="N")
@@ -67,76 +61,57 @@ def update(files: UpdateFiles, ranges: RangeOptions, quiet: Quiet = False) -> No
     print_rows(rows_of_updates(manifest.build.get("updates", [])))
 
 
-# --- build -----------------------------------------------------------------------------------------------------
-
-
 class CloudOptions(OptionGroup, title="Inputs"):
-    """Which points are taken, and where they are."""
+    """Which points are taken, and where they are.
 
-    clouds: list[Path] | None = argument(
-        None,
-        "LAS, LAZ, COPC, PLY, PCD, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt); or folders of clouds (there"
-        " .csv and .txt are left alone).",
-        "[CLOUD...]",
-    )
-    trajectory: Path | None = flag(
-        None, "Where the mapping sensor was at the points' gps_time: turns normals to its side.", metavar="TUM|CSV"
-    )
+    clouds: LAS, LAZ, COPC, PLY, PCD, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt); or folders of clouds
+        (there .csv and .txt are left alone).
+    trajectory: Where the mapping sensor was at the points' gps_time: turns normals to its side.
+    to_crs: CRS of the map, in metres: points in any other, in feet or degrees too, are transformed into it. The
+        trajectory has to be in it.
+    area: Take only points in this rectangle, in the CRS of the map.
+    """
+
+    clouds: list[Path] | None = argument(None, None, "[CLOUD...]")
+    trajectory: Path | None = flag(None, metavar="TUM|CSV")
     signed_normals: bool = flag(False, "The clouds' own normals are turned to the sensor already.")
     crs: str | None = flag(None, "CRS of clouds that name none themselves.", metavar="EPSG:N|WKT")
-    to_crs: str | None = flag(
-        None,
-        "CRS of the map, in metres: points in any other, in feet or degrees too, are transformed into it. The"
-        " trajectory has to be in it.",
-        metavar="EPSG:N|WKT",
-    )
+    to_crs: str | None = flag(None, metavar="EPSG:N|WKT")
     allow_inexact_crs: AllowInexactCrs = False
-    area: str | None = flag(
-        None, "Take only points in this rectangle, in the CRS of the map.", metavar="X_MIN,Y_MIN,X_MAX,Y_MAX"
-    )
+    area: str | None = flag(None, metavar="X_MIN,Y_MIN,X_MAX,Y_MAX")
     keep_every: int = flag(1, "Take only every N-th point of each cloud: a thinner map.", metavar="N", min=1)
 
 
 class ClassOptions(OptionGroup, title="Classes"):
-    """Which classes of points are left out."""
+    """Which classes of points are left out.
 
-    drop: list[str] | None = flag(
-        None,
-        "Class to leave out, by name or number; repeatable. Default for classified LAS: ground, vegetation, noise,"
-        " temporal-exclusion, and the vehicle classes.",
-        metavar="CLASS",
-    )
+    drop: Class to leave out, by name or number; repeatable. Default for classified LAS: ground, vegetation, noise,
+        temporal-exclusion, and the vehicle classes.
+    vehicle_class: Class number that means vehicles in these files: left out too; repeatable.
+    classify: Find ground, vegetation and what is not there in every pass: where no cloud has classes (auto), always, or
+        not at all (off). Found ground and temporary objects are left out, unless --drop names others.
+    """
+
+    drop: list[str] | None = flag(None, metavar="CLASS")
     keep_all: bool = flag(False, "Drop no class.")
-    vehicle_class: list[int] | None = flag(
-        None, "Class number that means vehicles in these files: left out too; repeatable.", metavar="NUMBER"
-    )
+    vehicle_class: list[int] | None = flag(None, metavar="NUMBER")
     asprs_classes: bool = flag(False, "Class numbers are those of LAS in other clouds too: drop ground, vegetation.")
-    classify: Literal["auto", "always", "off"] = flag(
-        "auto",
-        "Find ground, vegetation and what is not there in every pass: where no cloud has classes (auto), always, or"
-        " not at all (off). Found ground and temporary objects are left out, unless --drop names others.",
-    )
+    classify: Literal["auto", "always", "off"] = flag("auto")
 
 
 class MapOutput(OptionGroup, title="Output"):
-    """The map to write."""
+    """The map to write.
+
+    cell: Voxel edge, and cell edge of the search, in m. Default: by how far apart the points lie; 0.06 in dense clouds,
+        a multiple of it in thinned ones.
+    sigma: How well the map is known: standard deviation of its position along any axis, in m. Default: from the
+        differences between passes, told apart by gps_time; 0.02 where there is only one.
+    """
 
     out: Path = flag(..., "Folder of the map to write.", "--out", "-o", metavar="MAP")
     overwrite: bool = flag(False, "Replace the map if there is one.")
-    cell: float | None = flag(
-        None,
-        "Voxel edge, and cell edge of the search, in m. Default: by how far apart the points lie; 0.06 in dense clouds,"
-        " a multiple of it in thinned ones.",
-        metavar="M",
-        rich_help_panel="Map",
-    )
-    sigma: float | None = flag(
-        None,
-        "How well the map is known: standard deviation of its position along any axis, in m. Default: from the"
-        " differences between passes, told apart by gps_time; 0.02 where there is only one.",
-        metavar="M",
-        rich_help_panel="Map",
-    )
+    cell: float | None = flag(None, metavar="M", rich_help_panel="Map")
+    sigma: float | None = flag(None, metavar="M", rich_help_panel="Map")
 
 
 class TileWorkers(OptionGroup, title="How it is done"):
@@ -160,7 +135,7 @@ class TileWorkers(OptionGroup, title="How it is done"):
 @app.command(cls=GroupedCommand)
 @flags
 def build(
-    cloud: CloudOptions, drive: DriveOptions, classes: ClassOptions, worker: TileWorkers, output: MapOutput,
+    cloud: CloudOptions, drive: MappingDrive, classes: ClassOptions, worker: TileWorkers, output: MapOutput,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Build a map of clouds, or of scans and their poses: drop classes, find normals, rasterize into voxels."""
@@ -176,11 +151,10 @@ def build(
             f" `maxcon map copy FOLDER {address}`."
         )
     if output.cell is not None and 1.0 < output.cell <= 100.0:
-        raise OptionError(
-            f"Expected a voxel edge --cell in metres, up to 1, got {output.cell:g}. In centimetres? 0.06 is usual."
-        )
-    left_out = {"--drop": classes.drop, "--vehicle-class": classes.vehicle_class}
-    check_exclusive({"--keep-all": classes.keep_all}, left_out)
+        raise OptionError(f"Expected --cell in metres, up to 1, got {output.cell:g}. In centimetres? 0.06 is usual.")
+    check_exclusive(
+        {"--keep-all": classes.keep_all}, {"--drop": classes.drop, "--vehicle-class": classes.vehicle_class}
+    )
     of_clouds = {
         "clouds": cloud.clouds, "--trajectory": cloud.trajectory, "--signed-normals": cloud.signed_normals,
         "--to-crs": cloud.to_crs, "--asprs-classes": classes.asprs_classes,
@@ -196,7 +170,10 @@ def build(
         classify=classes.classify, area=Area.parse(cloud.area) if cloud.area is not None else None,
     )  # fmt: skip
     make: Callable[..., Manifest] = partial(build_map, cloud.clouds or [])
-    if (placed := drive.open(quiet)) is not None:
+    if drive.scans is not None and drive.poses is not None:
+        from maxcon.cli.drive_inputs import placed_scans
+
+        placed = placed_scans(drive, drive.scans, drive.poses, quiet)
         typer.echo(placed.words, err=True)
         make = partial(map_of_drive, placed, keep_moving=drive.keep_moving)
     with step_bars(quiet) as report, compiling_told(quiet):
@@ -207,46 +184,36 @@ def build(
     print_manifest(manifest)
 
 
-# --- align -----------------------------------------------------------------------------------------------------
-
-
 class PassFiles(OptionGroup, title="Inputs"):
-    """The clouds of all passes, and what is known of them."""
+    """The clouds of all passes, and what is known of them.
+
+    trajectory: Where the mapping sensor was at the points' times: corrected as they are; repeatable.
+    drop: Class that is not matched, by name or number; repeatable. Default: vegetation, noise, temporal-exclusion.
+    vehicle_class: Class number that means vehicles: not matched; repeatable.
+    """
 
     clouds: list[Path] = argument(..., "LAS or LAZ files of all passes, in tiles or whole.", "CLOUD...")
-    trajectory: list[Path] | None = flag(
-        None, "Where the mapping sensor was at the points' times: corrected as they are; repeatable.", metavar="TUM|CSV"
-    )
+    trajectory: list[Path] | None = flag(None, metavar="TUM|CSV")
     crs: str | None = flag(None, "CRS of clouds that name none themselves.", metavar="EPSG:N|WKT")
-    drop: list[str] | None = flag(
-        None,
-        "Class that is not matched, by name or number; repeatable. Default: vegetation, noise, temporal-exclusion.",
-        metavar="CLASS",
-        rich_help_panel="Classes",
-    )
-    vehicle_class: list[int] | None = flag(
-        None, "Class number that means vehicles: not matched; repeatable.", metavar="NUMBER", rich_help_panel="Classes"
-    )
+    drop: list[str] | None = flag(None, metavar="CLASS", rich_help_panel="Classes")
+    vehicle_class: list[int] | None = flag(None, metavar="NUMBER", rich_help_panel="Classes")
     out: Path = flag(..., "Folder to write.", "--out", "-o", metavar="FOLDER", rich_help_panel="Output")
     overwrite: bool = flag(False, "Replace the alignment if there is one.", rich_help_panel="Output")
 
 
 class PassOptions(OptionGroup, title="Passes"):
-    """How passes are told apart, and how well each is known."""
+    """How passes are told apart, and how well each is known.
 
-    passes_by: str = flag(
-        "time",
-        "What tells passes apart: pauses in gps_time, point source ids, or files.",
-        "--passes", metavar="time|source|file",
-    )  # fmt: skip
+    passes_by: What tells passes apart: pauses in gps_time, point source ids, or files.
+    georeference_sigma: How well each pass is georeferenced: standard deviation along any axis, in m.
+    drift_sigma: How a pass's errors change within it: sigma, m; 0: rigid. Default: as its matches ask.
+    """
+
+    passes_by: str = flag("time", None, "--passes", metavar="time|source|file")
     pause: float = flag(20.0, "Seconds without a point between two passes, by time.", metavar="S")
-    georeference_sigma: float = flag(
-        0.1, "How well each pass is georeferenced: standard deviation along any axis, in m.", metavar="M"
-    )
+    georeference_sigma: float = flag(0.1, metavar="M")
     georeference_sigma_deg: float = flag(0.05, "The same of its roll, pitch and heading, in degrees.", metavar="DEG")
-    drift_sigma: float | None = flag(
-        None, "How a pass's errors change within it: sigma, m; 0: rigid. Default: as its matches ask.", metavar="M"
-    )
+    drift_sigma: float | None = flag(None, metavar="M")
     knot_spacing: float = flag(10.0, "Corrections that drift are free every so many seconds.", "--knots", metavar="S")
 
 
@@ -276,9 +243,6 @@ def align(files: PassFiles, passes: PassOptions, worker: PlaceThreads, quiet: Qu
 
 
 app.command(short_help="Give a map its coordinates: by a receiver, or control points.")(georeference)
-
-
-# --- info, copy, export ----------------------------------------------------------------------------------------
 
 
 class MapToTell(OptionGroup):

@@ -2,54 +2,47 @@
 # SPDX-License-Identifier: MIT
 """Options that several commands have, and the option groups of those that localize."""
 
-import sys
-from importlib import import_module
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Any, Literal
 
-import typer
+from typer import Option
 
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag
 from maxcon.errors import OptionError
 
-if TYPE_CHECKING:
-    from maxcon.search.objectives import Objective
-
 SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.", rich_help_panel="Output")]
-Times = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Times of the scans; default times.txt, or the names.")
-]
-Risk = Annotated[float, typer.Option(metavar="0..1", help="Largest probability of errors above the protection level.")]
-Topic = Annotated[str | None, typer.Option(metavar="NAME", help="Which of several point clouds of a recording.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="No progress bar.", rich_help_panel="Output")]
+Times = Annotated[Path | None, Option(metavar="FILE", help="Times of the scans; default times.txt, or the names.")]
+Risk = Annotated[float, Option(metavar="0..1", help="Largest probability of errors above the protection level.")]
+Topic = Annotated[str | None, Option(metavar="NAME", help="Which of several point clouds of a recording.")]
 AtStamp = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--at-stamp",
         help="The time of a recorded scan is its message's, not the middle between its first and its last point.",
     ),
 ]
 TurnTime = Annotated[
     float | None,
-    typer.Option(
+    Option(
         metavar="S",
         help="With --deskew, where points have no times: how long a turn of the scanner takes, from behind to behind,"
         " clockwise seen from above; negative for counter-clockwise.",
     ),
 ]
 AllowInexactCrs = Annotated[
-    bool,
-    typer.Option("--allow-inexact-crs", help="The CRS may be converted to less exactly than to a voxel of the map."),
+    bool, Option("--allow-inexact-crs", help="The CRS may be converted to less exactly than to a voxel of the map.")
 ]
 GeoidHeight = Annotated[
     float | None,
-    typer.Option(metavar="M", help="Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m."),
+    Option(metavar="M", help="Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m."),
 ]
-MinRange = Annotated[float, typer.Option(metavar="M", help="Nearer points are left out.")]
-MaxRange = Annotated[float, typer.Option(metavar="M", help="Farther points are left out.")]
+MinRange = Annotated[float, Option(metavar="M", help="Nearer points are left out.")]
+MaxRange = Annotated[float, Option(metavar="M", help="Farther points are left out.")]
 Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:8786: its workers do the work.")
+    str | None, Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:8786: its workers do the work.")
 ]
 
 
@@ -68,28 +61,23 @@ class RangeOptions(OptionGroup, title="Inputs"):
 
 
 class RecordingOptions(OptionGroup, title="Recordings and scanners"):
-    """What of a recording is used, and how; None for what is not given."""
+    """What of a recording is used, and how; None for what is not given.
+
+    prior_topic: Which poses of a recording are the prior: NavSatFix, Odometry, PoseStamped or
+        PoseWithCovarianceStamped.
+    prior_frames: The prior is the way of one frame in another by the recording's transforms (TF), map:base_link for
+        example.
+    mounting: Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses
+        become the scanner's.
+    """
 
     topic: Topic = None
-    prior_topic: str | None = flag(
-        None,
-        "Which poses of a recording are the prior: NavSatFix, Odometry, PoseStamped or PoseWithCovarianceStamped.",
-        metavar="NAME",
-    )
-    prior_frames: str | None = flag(
-        None,
-        "The prior is the way of one frame in another by the recording's transforms (TF), map:base_link for example.",
-        metavar="FIXED:MOVING",
-    )
+    prior_topic: str | None = flag(None, metavar="NAME")
+    prior_frames: str | None = flag(None, metavar="FIXED:MOVING")
     odometry_topic: str | None = flag(None, "Which poses of a recording are the odometry.", metavar="NAME")
     odometry_frames: str | None = flag(None, "Likewise the odometry: odom:base_link.", metavar="FIXED:MOVING")
     geoid_height: GeoidHeight = None
-    mounting: Path | None = flag(
-        None,
-        "Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses"
-        " become the scanner's.",
-        metavar="TOML",
-    )
+    mounting: Path | None = flag(None, metavar="TOML")
     at_stamp: AtStamp = False
     time_offset: float = flag(0.0, "Added to the times of the prior and of the odometry.", metavar="S")
 
@@ -139,69 +127,50 @@ class Outputs(OptionGroup, title="Output"):
 
 
 class MethodOptions(OptionGroup, title="Method"):
-    """How a scan is searched for in the map."""
+    """How a scan is searched for in the map.
 
-    objective: str = flag(
-        "helmert",
-        "What a cell is worth: helmert, count, max-eigenvalue, or your own package.module:Name.",
-        metavar="NAME",
-    )
+    objective: What a cell is worth: helmert, count, max-eigenvalue, or your own package.module:Name.
+    weighting: Weight of a match: the cosine between the normals, and 1/2 where the scan point has none; as published,
+        where it is 0 then; or one.
+    thinning: With --cell: search with one point of a scan per cube of this edge, m; 0: all, as published.
+    search: How the best cell is found; it is the same one.
+    """
+
+    objective: str = flag("helmert", metavar="NAME")
     multiplicity: Literal["occupied", "points"] = flag("occupied", "A match weighs one, or its voxel's map points.")
-    weighting: Literal["cosine", "published", "one"] = flag(
-        "cosine",
-        "Weight of a match: the cosine between the normals, and 1/2 where the scan point has none; as published,"
-        " where it is 0 then; or one.",
-    )
-    thinning: float = flag(
-        0.25,
-        "With --cell: search with one point of a scan per cube of this edge, m; 0: all, as published.",
-        metavar="M",
-    )
-    search: Literal["exhaustive", "branch-and-bound"] = flag(
-        "branch-and-bound", "How the best cell is found; it is the same one."
-    )
+    weighting: Literal["cosine", "published", "one"] = flag("cosine")
+    thinning: float = flag(0.25, metavar="M")
+    search: Literal["exhaustive", "branch-and-bound"] = flag("branch-and-bound")
     refinement: bool = flag(True, "Adjust the pose of the best cell to the surfaces of the map, and examine it there.")
     known_only: bool = flag(False, "In an updated map: leave out what is new, too, not only what is gone.")
 
 
 class SpaceOptions(OptionGroup, title="Search space"):
-    """Where a scan is searched for around its prior; None for what is not given."""
+    """Where a scan is searched for around its prior; None for what is not given.
+
+    half_width: Largest offset from the prior in x and y, m; else of the prior's covariances, or 12.
+    heading_half_width_deg: Largest turn from the prior's heading, degrees; likewise, or 10.
+    height_half_width: Largest offset from the prior in z, m, searched where the ground does not tell the height; a
+        multiple of the cell. 0 if not given: the height is the prior's there.
+    sigma_position: Instead of half widths: standard deviation of every prior's x, and of its y, m.
+    sigmas: How many standard deviations to search, these or the prior's own; 3 if not given.
+    largest_half_width: No search within standard deviations is wider than this, nor one that is repeated, twice as wide
+        each time, where the answer is in doubt, m; 24 if not given.
+    cell: Search in cells of this edge alone, m: the map's, or 2, 4, ... 32 times it. If neither this nor a heading step
+        is given, coarse to fine.
+    heading_step_deg: Step between headings, degrees; 0.5 beside --cell, if not given.
+    """
 
     wider: float = flag(12.0, "Search so far around an answer that is in doubt, m; 0: never.", metavar="M")
-    half_width: float | None = flag(
-        None, "Largest offset from the prior in x and y, m; else of the prior's covariances, or 12.", metavar="M"
-    )
-    heading_half_width_deg: float | None = flag(
-        None, "Largest turn from the prior's heading, degrees; likewise, or 10.", metavar="DEG"
-    )
-    height_half_width: float | None = flag(
-        None,
-        "Largest offset from the prior in z, m, searched where the ground does not tell the height; a multiple of"
-        " the cell. 0 if not given: the height is the prior's there.",
-        metavar="M",
-    )
-    sigma_position: float | None = flag(
-        None, "Instead of half widths: standard deviation of every prior's x, and of its y, m.", metavar="M"
-    )
+    half_width: float | None = flag(None, metavar="M")
+    heading_half_width_deg: float | None = flag(None, metavar="DEG")
+    height_half_width: float | None = flag(None, metavar="M")
+    sigma_position: float | None = flag(None, metavar="M")
     sigma_heading_deg: float | None = flag(None, "Standard deviation of its heading, degrees.", metavar="DEG")
-    sigmas: float | None = flag(
-        None, "How many standard deviations to search, these or the prior's own; 3 if not given.", metavar="K"
-    )
-    largest_half_width: float | None = flag(
-        None,
-        "No search within standard deviations is wider than this, nor one that is repeated, twice as wide each time,"
-        " where the answer is in doubt, m; 24 if not given.",
-        metavar="M",
-    )
-    cell: float | None = flag(
-        None,
-        "Search in cells of this edge alone, m: the map's, or 2, 4, ... 32 times it. If neither this nor a heading"
-        " step is given, coarse to fine.",
-        metavar="M",
-    )
-    heading_step_deg: float | None = flag(
-        None, "Step between headings, degrees; 0.5 beside --cell, if not given.", metavar="DEG"
-    )
+    sigmas: float | None = flag(None, metavar="K")
+    largest_half_width: float | None = flag(None, metavar="M")
+    cell: float | None = flag(None, metavar="M")
+    heading_step_deg: float | None = flag(None, metavar="DEG")
 
     def __post_init__(self) -> None:
         position, heading = {"--sigma-position": self.sigma_position}, {"--sigma-heading-deg": self.sigma_heading_deg}
@@ -216,15 +185,15 @@ class SpaceOptions(OptionGroup, title="Search space"):
 
 
 class Certainty(OptionGroup, title="Certainty"):
-    """From where on an answer is not trusted."""
+    """From where on an answer is not trusted.
+
+    least_share: An answer that fewer of the scan's points match is not trusted. Lower it for thin maps.
+    largest_runner_up: Not trusted if the second best place scores more than this fraction of the best.
+    """
 
     risk: Risk = 0.01
-    least_share: float = flag(
-        0.05, "An answer that fewer of the scan's points match is not trusted. Lower it for thin maps.", metavar="0..1"
-    )
-    largest_runner_up: float = flag(
-        0.8, "Not trusted if the second best place scores more than this fraction of the best.", metavar="0..1"
-    )
+    least_share: float = flag(0.05, metavar="0..1")
+    largest_runner_up: float = flag(0.8, metavar="0..1")
 
 
 class TableOptions(OptionGroup, title="Output"):
@@ -247,32 +216,81 @@ class WorkerOptions(OptionGroup, title="How it is done"):
     scheduler: Scheduler = None
 
 
-def parse_objective(word: str) -> "Objective":
-    """Return the objective of a name, or one's own, "package.module:Name": a class or an object.
+class ViewOptions(OptionGroup, title="Output"):
+    """Whether a drive is shown, or recorded; both need the extra view."""
 
-    Modules are looked for in the working folder, too. OptionError if there is none.
+    view: bool = flag(False, "Show the map, and of a drive scans and answers as they come, in Rerun (extra view).")
+    save: Path | None = flag(
+        None, "Write what --view shows as a recording; `rerun FILE` opens it (extra view).", metavar="FILE.rrd"
+    )
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether epochs are shown."""
+        return self.view or self.save is not None
+
+    def check(self, *, resume: bool = False) -> None:
+        """Refuse, before the work, what cannot be shown or written."""
+        if not self.is_wanted:
+            return
+        from maxcon._system.atomic import check_writable
+        from maxcon.export.scene import RERUN_SUFFIX, with_rerun
+
+        check_exclusive({"--save": self.save}, {"--view": self.view, "--resume": resume})
+        rerun_recording = with_rerun()
+        if self.save is None:
+            rerun_recording.find_viewer()
+        elif self.save.suffix.lower() != RERUN_SUFFIX:
+            raise OptionError(f"Expected a recording {RERUN_SUFFIX} as --save, got {self.save}. Rename it.")
+        else:
+            check_writable(self.save)
+
+    def shown(self, epochs: Any, point_map: Any, near: Any, *scored: Any) -> AbstractContextManager[Any]:
+        """Return what yields the same epochs, shown if that is wanted; parameters as of `rerun_recording.shown`."""
+        from maxcon.export.scene import with_rerun
+
+        is_wanted = self.is_wanted
+        return with_rerun().shown(epochs, point_map, near, self.save, *scored) if is_wanted else nullcontext(epochs)
+
+
+class ScoresOptions(ViewOptions, title="Output"):
+    """Whether scores of cells are shown, too."""
+
+    scores: bool = flag(False, "With --view or --save: show the cells' scores, too, searched anew, some 0.1 s a scan.")
+
+    def __post_init__(self) -> None:
+        check_needs({"--scores": self.scores}, {"--view": self.view, "--save": self.save})
+
+
+class MappingDrive(OptionGroup, title="Scans instead of clouds"):
+    """A drive that a map is made of.
+
+    scans: Scans as `maxcon localize` takes them: a folder, or a recording.
+    poses: Where the scanner was, of a SLAM program for example: with times, interpolated; or KITTI's 12 numbers a line,
+        one line per scan. z is up.
+    mounting: Where [sensor] and [odometry] are in the vehicle, if the poses are not the scanner's.
     """
-    import numpy as np
 
-    from maxcon.search.objectives import as_objective, scores_of
+    scans: Path | None = flag(None, metavar="FOLDER|RECORDING")
+    poses: Path | None = flag(None, metavar="TUM|CSV|KITTI|RECORDING")
+    times: Times = None
+    topic: Topic = None
+    at_stamp: AtStamp = False
+    poses_topic: str | None = flag(None, "Which poses of a recording.", metavar="NAME")
+    mounting: Path | None = flag(None, metavar="TOML")
+    deskew: bool = flag(False, "Points have times, and are not deskewed: move them by the poses.")
+    turn_time: TurnTime = None
+    min_range: MinRange = 1.0
+    max_range: MaxRange = 120.0
+    keep_moving: bool = flag(False, "Keep what later rays went through; else it is gone, as in `maxcon map update`.")
 
-    module_name, colon, name = word.partition(":")
-    if not colon:
-        return as_objective(word)
-    sys.path.insert(0, "")
-    try:
-        found = getattr(import_module(module_name), name)
-        objective = as_objective(found() if isinstance(found, type) else found)
-    except OptionError:
-        raise
-    except Exception as error:  # the user's own code may fail in any way
-        raise OptionError(
-            f"Expected {word!r} to name an objective in a module that can be imported, got"
-            f" {type(error).__name__}: {error}. Write it as package.module:Name."
-        ) from error
-    finally:
-        sys.path.remove("")
-        if "" not in sys.path:
-            sys.path.append("")  # where workers look for it, too
-    scores_of(objective, np.array([[[[9.0, 5.0, 1.0, 4.0], [4.0, 3.0, 0.0, 1.0]]]]))  # fails before work begins
-    return objective
+    def __post_init__(self) -> None:
+        both = {"--scans": self.scans, "--poses": self.poses}
+        for name, value in both.items():
+            check_needs({name: value}, {other: given for other, given in both.items() if other != name})
+        others = {
+            "--times": self.times, "--topic": self.topic, "--at-stamp": self.at_stamp, "--deskew": self.deskew,
+            "--poses-topic": self.poses_topic, "--mounting": self.mounting, "--keep-moving": self.keep_moving,
+        }  # fmt: skip
+        check_needs(others, {"--scans": self.scans})
+        check_turn_time(self.turn_time, deskew=self.deskew)

@@ -34,10 +34,7 @@ def print_rows(rows: Iterable[tuple[str, str]]) -> None:
 
 @contextmanager
 def step_bars(is_quiet: bool, *, has_lines: bool = False) -> Iterator["Progress"]:
-    """Yield a function to call with (step, done, of how many); each step gets a bar of its own.
-
-    Where stderr is not a terminal there are none; with `has_lines` a line says when a step begins.
-    """
+    """Yield what shows a bar for each step; where stderr is no terminal nothing, or a line with `has_lines`."""
     if is_quiet or not sys.stderr.isatty():
         told: set[str] = set()
 

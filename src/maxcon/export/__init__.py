@@ -3,25 +3,12 @@
 """Tables of poses, and maps, in the formats of other programs; the suffix says which."""
 
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from maxcon.errors import CrsError, OptionError, TrajectoryError
-from maxcon.export.formats import (
-    times_beside,
-    write_degrees,
-    write_geojson,
-    write_geopackage,
-    write_kitti,
-    write_kml,
-    write_tum_rows,
-)
-from maxcon.export.map_points import MAP_SUFFIXES, export_map
-from maxcon.export.mcap_recording import write_mcap
-from maxcon.export.placed_scans import SCAN_SUFFIXES, write_placed_scans
-from maxcon.export.pose_rows import PARQUET, PoseRow, read_rows
-from maxcon.export.scene import RERUN_SUFFIX, Scene, epochs_of_rows, with_rerun
+from maxcon.export.points import MAP_SUFFIXES, SCAN_SUFFIXES, export_map, write_placed_scans
+from maxcon.export.pose_rows import NEEDING_CRS, PARQUET, WRITERS, PoseRow, read_rows, times_beside
+from maxcon.export.scene import RERUN_SUFFIX, Scene, epochs_of_rows, with_rerun, write_mcap
 from maxcon.io.scans import Scans
 from maxcon.map import PointMap
 
@@ -30,13 +17,8 @@ __all__ = [
     "export_map", "export_poses", "export_scans", "files_of_export", "read_rows",
 ]  # fmt: skip
 
-_WRITERS: dict[str, Callable[[Path, list[PoseRow], Any], None]] = {
-    ".geojson": write_geojson, ".gpkg": write_geopackage, ".kml": write_kml,
-    ".csv": write_degrees, ".tum": write_tum_rows, ".kitti": write_kitti,
-}  # fmt: skip
-_NEEDING_CRS = (".geojson", ".gpkg", ".kml")
 SCENE_SUFFIXES = (".mcap", RERUN_SUFFIX)  # of drives in a map, for viewers
-EXPORT_SUFFIXES = (*_WRITERS, *SCENE_SUFFIXES)
+EXPORT_SUFFIXES = (*WRITERS, *SCENE_SUFFIXES)
 
 
 def files_of_export(out: str | os.PathLike[str]) -> tuple[Path, ...]:
@@ -50,45 +32,19 @@ def export_poses(
     point_map: PointMap | None = None, scans: Scans | None = None, has_scores: bool = False,
     min_range: float = 1.0, max_range: float = 120.0,
 ) -> list[PoseRow]:  # fmt: skip
-    """Write the poses of POSES.csv, or of a drive's Parquet file, for another program.
+    """Write POSES.csv, or a drive's Parquet file, for another program, by the suffix; return all rows.
 
-    Parameters
-    ----------
-    table : path
-        Written by `maxcon localize`; of many drives `drive=NAME/poses.parquet`.
-    out : path
-        `.geojson` (WGS 84), `.gpkg` (in the CRS; needs the extra export), `.kml`, `.mcap` (poses and transforms of
-        ROS 2; needs the extra recordings), `.rrd` (Rerun; needs the extra view), `.tum`, `.kitti` (and the times beside
-        it, `.times.txt`), or `.csv` with angles in degrees and compass bearings.
-    crs : str, optional
-        Code or WKT of the coordinates, that of the map; where it has a code, the table says it, too.
-    point_map, scans, min_range, max_range : optional
-        Map and scans of the table, which `.mcap` and `.rrd` show, thinned, without points nearer or farther, m.
-    has_scores : bool
-        Whether `.rrd` shows scores of cells, too, of a search anew around each prior, as by default.
-
-    Returns
-    -------
-    list of PoseRow
-        All rows, localized or not.
-
-    Raises
-    ------
-    OptionError: if the suffix is none of these.
-    CrsError: if one is needed and not given, or not known.
-    FileError, TrajectoryError: if the table cannot be read, has no pose, or `out` cannot be written; if a localized
-        row has no scan of its time.
-    MissingExtraError: if the package for the format is not installed.
+    crs: code or WKT of the coordinates, where the table does not say it. has_scores: whether .rrd shows those of cells.
     """
     path, suffix = Path(out), Path(out).suffix.lower()
     rows, crs = _rows_to_export(table, suffix, EXPORT_SUFFIXES, crs)
-    if suffix in _NEEDING_CRS and crs is None:
+    if suffix in NEEDING_CRS and crs is None:
         raise CrsError(
             f"Expected a CRS for {suffix}, got none from the table, a map or --crs. Give --crs; a map without one gets"
             " its coordinates by `maxcon map georeference`."
         )
-    if suffix in _WRITERS:
-        _WRITERS[suffix](path, rows, crs)
+    if suffix in WRITERS:
+        WRITERS[suffix](path, rows, crs)
         return rows
     first = next(row.pose for row in rows if row.pose is not None)
     scene = Scene.near(first.position, crs, point_map)
@@ -104,12 +60,7 @@ def export_scans(
     table: str | os.PathLike[str], out: str | os.PathLike[str], scans: Scans, crs: str | None, *,
     min_range: float = 1.0, max_range: float = 120.0,
 ) -> tuple[list[PoseRow], int]:  # fmt: skip
-    """Write the scans of the localized epochs, placed in the map, as .laz or .las; return all rows and how many points.
-
-    scans: those of the table: a localized row without a scan of its time is a TrajectoryError.
-    min_range, max_range: points nearer or farther than this are left out, m.
-    Other errors as of `export_poses`.
-    """
+    """Write the scans of the localized epochs, placed in the map, as LAZ or LAS; return rows and how many points."""
     rows, crs = _rows_to_export(table, Path(out).suffix.lower(), SCAN_SUFFIXES, crs)
     return rows, write_placed_scans(Path(out), rows, scans, crs, min_range, max_range)
 

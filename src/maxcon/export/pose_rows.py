@@ -1,25 +1,36 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""PoseRow: one row of POSES.csv, or of the Parquet file of a drive among many, as it was written."""
+"""Rows of POSES.csv, or of the Parquet file of a drive; written as GeoJSON, GeoPackage, KML, CSV, TUM and KITTI."""
 
+import csv
+import json
 import math
 import os
-from collections.abc import Iterator
+import struct
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.atomic import atomic_file
 from maxcon._system.regular_file import check_regular
 from maxcon.drive.poses_table import COLUMNS, COVARIANCES, FORMATS, UNKNOWNS
+from maxcon.errors import FileError, needs_extra
 from maxcon.geometry import Pose
 from maxcon.io.clouds.base import as_file_error
+from maxcon.io.crs import metric_crs, to_wgs84
 from maxcon.io.text import parse_float, read_pose_table
+from maxcon.io.trajectories import write_tum
+from maxcon.scan.trajectory import Trajectory
 
 PARQUET = ".parquet"
 WORDS = ("status", "reason", "scan", "crs")
+ISO_POINT_Z = 1001  # kind of geometry in well-known binary
+ON_THE_GROUND = "clampToGround"
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +39,9 @@ class PoseRow:
 
     time: float  # s
     pose: Pose | None  # global coordinates; None unless localized
-    # status, reason: in words
     status: str
     reason: str
-    # All other numbers by the names of their columns, those that are there
-    numbers: dict[str, float]
+    numbers: dict[str, float]  # all others that are there, by the names of their columns
     scan: str = ""  # its name
     crs: str = ""  # of the pose
 
@@ -117,3 +126,120 @@ def _row(label: str, cells: dict[str, Any]) -> PoseRow:
         raise ValueError(f"in {label}: a part of a pose")
     status, reason, *names = words
     return PoseRow(numbers.pop("time"), Pose(*unknowns) if unknowns else None, status, reason, numbers, *names)
+
+
+def _localized(rows: Sequence[PoseRow]) -> list[tuple[PoseRow, Pose]]:
+    return [(row, row.pose) for row in rows if row.pose is not None]
+
+
+def write_geojson(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
+    """Write GeoJSON (RFC 7946), a feature per epoch: a point in WGS 84 with the map's height where it is localized."""
+    features = []
+    lonlats = iter(to_wgs84(crs, [(pose.x, pose.y) for _, pose in _localized(rows)]))
+    for row in rows:
+        geometry = None
+        if row.pose is not None:
+            lonlat = [round(degrees, 9) for degrees in next(lonlats)]
+            geometry = {"type": "Point", "coordinates": [*lonlat, round(row.pose.z, 4)]}
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties(row)})
+    content = {"type": "FeatureCollection", "crs_of_xyz": crs, "features": features}
+    with atomic_file(path) as partial:
+        _put(partial, json.dumps(content, allow_nan=False))
+
+
+def write_geopackage(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
+    """Write a layer `poses` of points with height, in the CRS; epochs that are not localized have no point."""
+    with needs_extra("pyogrio", "to write a GeoPackage", "export"):
+        from pyogrio.raw import write
+    points = [None if row.pose is None else struct.pack("<BI3d", 1, ISO_POINT_Z, *row.pose.position) for row in rows]
+    table = [properties(row) for row in rows]
+    columns = [_column([row[name] for row in table]) for name in table[0]]
+    with atomic_file(path) as partial:
+        made = partial.with_suffix(".gpkg")  # GDAL minds the suffix, where a link leads to another one
+        try:
+            write(
+                made, np.array(points, dtype=object), columns, list(table[0]),
+                layer="poses", driver="GPKG", geometry_type="Point Z", crs=metric_crs(crs),
+            )  # fmt: skip
+        except RuntimeError as error:  # of which all of pyogrio's errors are
+            said = str(error).splitlines()[0].rpartition("failed: ")[2][:120]  # before it stands the whole SQL
+            raise FileError(f"Expected GDAL to write {path}, got: {said}. Is the disk full?") from error
+        made.replace(partial)
+
+
+def _column(values: list[float | str | None]) -> NDArray[np.generic]:
+    if any(isinstance(value, str) for value in values):
+        return np.array(["" if value is None else value for value in values], dtype=object)
+    return np.array(values, dtype=np.float64)  # None is NaN
+
+
+def write_kml(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
+    """Write KML: the way as a line, each localized epoch as a point, on the ground: KML counts heights from the sea."""
+
+    def add(parent: ElementTree.Element, **texts: str) -> ElementTree.Element:
+        for name, text in texts.items():
+            ElementTree.SubElement(parent, name).text = text
+        return parent
+
+    root = ElementTree.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
+    document = add(ElementTree.SubElement(root, "Document"), name="maxcon")
+    found = _localized(rows)
+    lonlats = to_wgs84(crs, [(pose.x, pose.y) for _, pose in found])
+    positions = [f"{x:.9f},{y:.9f},{pose.z:.3f}" for (x, y), (_, pose) in zip(lonlats, found, strict=True)]
+    way = add(ElementTree.SubElement(document, "Placemark"), name="way")
+    line = ElementTree.SubElement(way, "LineString")
+    add(line, tessellate="1", altitudeMode=ON_THE_GROUND, coordinates=" ".join(positions))
+    for (row, pose), position in zip(found, positions, strict=True):
+        words = f"{row.status}, bearing {bearing_deg(pose):.2f} degrees. {row.reason}".strip()
+        mark = add(ElementTree.SubElement(document, "Placemark"), name=f"{row.time:.3f}", description=words)
+        add(ElementTree.SubElement(mark, "Point"), altitudeMode=ON_THE_GROUND, coordinates=position)
+    with atomic_file(path) as partial:
+        ElementTree.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
+
+
+def write_degrees(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -> None:
+    """Write CSV of every epoch: time (s), position (m), angles (degrees) and all else; `read_trajectory` reads it."""
+    with atomic_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(properties(rows[0]))
+        for row in rows:
+            writer.writerow("" if value is None else _text(name, value) for name, value in properties(row).items())
+
+
+def _text(name: str, value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    decimals = {"time": 9, "x": 4, "y": 4, "z": 4}.get(name, 7 if name.endswith("_deg") else None)
+    return f"{value:.6g}" if decimals is None else f"{value:.{decimals}f}"
+
+
+def write_tum_rows(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -> None:
+    """Write the localized poses as lines `time x y z qx qy qz qw`, s and m."""
+    times, poses = zip(*[(row.time, pose) for row, pose in _localized(rows)], strict=True)
+    write_tum(path, Trajectory.from_poses(times, poses), "T_map_sensor, localized by maxcon")
+
+
+def times_beside(path: Path) -> Path:
+    """Return the file of the times of poses in KITTI's format."""
+    return path.with_suffix(".times.txt")
+
+
+def write_kitti(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -> None:
+    """Write the localized poses as [R t], row by row, in global coordinates, a line each; their times beside it."""
+    found, times = _localized(rows), times_beside(path)
+    matrices = [np.column_stack([pose.rotation, pose.position]).ravel().tolist() for _, pose in found]
+    with atomic_file(times) as times_partial, atomic_file(path) as poses_partial:
+        _put(poses_partial, "\n".join(" ".join(f"{value:.12g}" for value in matrix) for matrix in matrices))
+        _put(times_partial, "\n".join(f"{row.time:.9f}" for row, _ in found))
+        times.unlink(missing_ok=True)  # a kill from here on leaves poses without times, not with those of others
+
+
+def _put(path: Path, text: str) -> None:
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+WRITERS: dict[str, Callable[[Path, list[PoseRow], Any], None]] = {
+    ".geojson": write_geojson, ".gpkg": write_geopackage, ".kml": write_kml,
+    ".csv": write_degrees, ".tum": write_tum_rows, ".kitti": write_kitti,
+}  # fmt: skip
+NEEDING_CRS = (".geojson", ".gpkg", ".kml")

@@ -32,7 +32,7 @@ EPOCH, STAMP = "epoch", "stamp"  # time lines: numbers of the scans, and their t
 UNIX = 1e8  # times above are seconds since 1970, shown as dates; smaller ones count from somewhere else, s
 PRIOR_COLOR, ANSWER_COLOR, NO_ANSWER_COLOR = (230, 120, 30), (70, 150, 255), (204, 121, 167)  # on black
 SCORE_COLORS = [(13, 8, 135), (126, 3, 168), (204, 71, 120), (248, 149, 64), (240, 249, 33)]
-"""Colours from the score 0 to the highest of an epoch, on a scale of its root: those of `--plot`, in even steps."""
+"""Colours from the score 0 to the highest of an epoch, in even steps of its root: those of `--plot`."""
 SCORES_NAME = "scores_of_cells"
 ENLARGED = 100
 ELLIPSE_NAME = f"ellipse_of_95_percent_{ENLARGED}_times_as_large"
@@ -58,10 +58,7 @@ def shown(
     epochs: Iterable[EpochEstimate], point_map: PointMap, near: NDArray[np.float64], save: Path | None,
     scored: Callable[[EpochEstimate], CellScores | None] = lambda epoch: None,
 ) -> Iterator[Iterator[EpochEstimate]]:  # fmt: skip
-    """Yield the same epochs, each shown when it is asked for: in a recording, or a viewer if `save` is None.
-
-    near: a place near the drive, global coordinates, m. scored: gives the cells of an epoch, if they are shown.
-    """
+    """Yield the same epochs, each shown when it is asked for: in a recording, or a viewer if `save` is None."""
     with _opened(Scene.near(near, point_map.frame.crs, point_map), save, _blueprint(True)) as shown:
 
         def shown_once(epoch: EpochEstimate) -> EpochEstimate:
@@ -92,10 +89,7 @@ def show_map(point_map: PointMap, save: Path | None) -> None:
 
 @contextmanager
 def _opened(scene: Scene, save: Path | None, blueprint: rrb.Blueprint) -> Iterator["_Shown"]:
-    """Yield what shows epochs, in a viewer that is started now, or in a recording that is there once all went well.
-
-    A recording is in memory until then, some 0.1 MB for each epoch, as the viewer will have it.
-    """
+    """Yield what shows epochs, in a viewer, or in a recording, in memory until all went well: 0.1 MB for each epoch."""
     stream = rr.RecordingStream("maxcon")
     stream.set_log_time_enabled(False)
     memory = None if save is None else stream.memory_recording()  # Rerun's own files wait forever on a full disk

@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What viewers show of a drive: its epochs with their scans, and the map around them, in a frame near the drive."""
+"""What viewers show of a drive: its epochs with their scans, and the map around them, in a frame near it; as MCAP."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,12 @@ from numpy.typing import NDArray
 from maxcon.drive.localize import EpochEstimate, scan_of
 from maxcon.drive.poses_table import FORMATS, SHIFTS, UNKNOWNS, pose_values
 from maxcon.errors import needs_extra
-from maxcon.export.placed_scans import scan_of_row
-from maxcon.export.pose_rows import PoseRow
+from maxcon.estimate import Status
+from maxcon.export.points import scan_of_row
+from maxcon.export.pose_rows import PoseRow, covariance_of
 from maxcon.geometry import LocalFrame, Pose
+from maxcon.io.crs import to_wgs84
+from maxcon.io.recordings import recording as ros
 from maxcon.io.scans import Scans
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
@@ -24,26 +28,22 @@ from maxcon.map.layout import TileKey
 from maxcon.scan import Scan
 
 ROUND = 100.0  # the frame's origin is a multiple of this, m
-MAP_REACH, MAP_VOXEL = 40.0, 0.25
-"""Tiles within this of a pose are shown, along x and y, m; a point for each voxel of about this edge, m."""
-MAP_POINTS, TILE_POINTS, SCAN_POINTS = 1_000_000, 10_000, 5_000
-"""Most points of the map at once, of a tile of it, and of a scan."""
-ELLIPSE = math.sqrt(5.991)
-"""Semi-axes of an ellipse that holds 95 % of x and y, over the standard deviations along them."""
+MAP_REACH, MAP_VOXEL = 40.0, 0.25  # tiles so near to a pose are shown, with a point for each voxel of this edge, m
+MAP_POINTS, TILE_POINTS, SCAN_POINTS = 1_000_000, 10_000, 5_000  # most points at once
+ELLIPSE = math.sqrt(5.991)  # semi-axes of an ellipse that holds 95 % of x and y, in standard deviations
 RERUN_SUFFIX = ".rrd"
 NO_POINTS: NDArray[np.float32] = np.empty((0, 3), np.float32)
+CRS_FRAME, MAP_FRAME, SENSOR_FRAME = "crs", "map", "sensor"  # "map" is near the drive: viewers can draw in it
+INFO, WARN = 20, 30  # levels of rcl_interfaces/msg/Log
 
 
 @dataclass(frozen=True, eq=False)
 class CellScores:
-    """Scores of the cells of a search, at each place that of its best heading: what it saw from above.
+    """Scores of the cells of a search, at each place that of its best heading: what it saw from above."""
 
-    places: shape (n, 3), of the sensor in the cells, global coordinates, m. scores: shape (n,). edge: of a cell, m.
-    """
-
-    places: NDArray[np.float64]
-    scores: NDArray[np.float64]
-    edge: float
+    places: NDArray[np.float64]  # shape (n, 3), of the sensor in the cells, global coordinates, m
+    scores: NDArray[np.float64]  # shape (n,)
+    edge: float  # of a cell, m
 
     @classmethod
     def searched(cls, method: MaximumConsensus, scan: Scan, point_map: PointMap, prior: Pose) -> "CellScores":
@@ -57,18 +57,13 @@ class CellScores:
 
 @dataclass(frozen=True, eq=False)
 class SceneEpoch:
-    """An epoch of a drive; poses in global coordinates.
+    """An epoch of a drive; poses in global coordinates."""
 
-    number: of the scan in the drive, from 0. row: its answer; among the numbers is the `share`, where it is known.
-    points: of its scan, thinned, shape (n, 3), sensor frame, m. prior: None where there was none.
-    cells: None where they were not asked for, or not searched.
-    """
-
-    number: int
-    row: PoseRow
-    points: NDArray[np.float32]
+    number: int  # of the scan in the drive, from 0
+    row: PoseRow  # its answer; among the numbers is the `share`, where it is known
+    points: NDArray[np.float32]  # of its scan, thinned, shape (n, 3), sensor frame, m
     prior: Pose | None = None
-    cells: CellScores | None = None
+    cells: CellScores | None = None  # if asked for, and searched
 
     @classmethod
     def of_estimate(cls, epoch: EpochEstimate, frame: LocalFrame, cells: CellScores | None = None) -> "SceneEpoch":
@@ -86,12 +81,7 @@ class SceneEpoch:
 def epochs_of_rows(
     rows: Sequence[PoseRow], scans: Scans | None, *ranges: float, scored_in: PointMap | None = None
 ) -> Iterator[SceneEpoch]:
-    """Return an iterator over all rows, each with its scan, within two ranges (m), if it is localized.
-
-    scored_in: a map in which the cells around each prior are searched anew, as by default.
-
-    TrajectoryError, at once, if there is no scan of a localized row's time.
-    """
+    """Yield all rows, each with its scan within two ranges (m), and its cells, if there is a map to search them in."""
     numbers = [None if scans is None or row.pose is None else scan_of_row(row, scans) for row in rows]
 
     def shown(row: PoseRow, scan: int | None, number: int) -> SceneEpoch:
@@ -118,13 +108,10 @@ def _prior_of(row: PoseRow) -> Pose | None:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The frame that a drive is shown in: viewers draw with single precision, so that its origin is near.
+    """The frame that a drive is shown in: viewers draw with single precision, so that its origin is near."""
 
-    origin: global coordinates of its (0, 0, 0), m. crs: of these; None if not known. point_map: None if not given.
-    """
-
-    origin: NDArray[np.float64]
-    crs: str | None
+    origin: NDArray[np.float64]  # global coordinates of its (0, 0, 0), m
+    crs: str | None  # of these
     point_map: PointMap | None
 
     @classmethod
@@ -144,10 +131,7 @@ class Scene:
         return sorted({key for pose in local for key in self.point_map.keys_within(pose.x, pose.y, MAP_REACH)})
 
     def map_points(self, keys: Sequence[TileKey], n_tiles: int = 0) -> NDArray[np.float32]:
-        """Return the points of some tiles and of their ground in this frame, thinned, shape (n, 3), m.
-
-        n_tiles: that are shown in all, if more than these.
-        """
+        """Return points of some tiles, of so many shown in all, and of their ground in this frame, thinned."""
         if self.point_map is None or not keys:
             return NO_POINTS
         most = max(min(TILE_POINTS, MAP_POINTS // max(n_tiles, len(keys))), 1)
@@ -172,3 +156,63 @@ def with_rerun() -> Any:
     with needs_extra("rerun-sdk", "to show a drive", "view"):
         import rerun  # noqa: F401
     return import_module("maxcon.export.rerun_recording")
+
+
+def write_mcap(path: Path, scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]) -> None:
+    """Write a drive, which has localized epochs, as topics of an MCAP file; each message has the time of its epoch."""
+    ros.write_recording(path, ros.RecordingKind.MCAP, _entries(scene, rows, epochs))
+
+
+def _entries(scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]) -> Iterator[ros.Entry]:
+    poses = [row.pose for row in rows if row.pose is not None]
+    places = [(pose.x, pose.y) for pose in poses]
+    lonlats = iter(() if scene.crs is None else to_wgs84(scene.crs, places))
+    T_crs_map = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0).translated(scene.origin)
+    yield _transform(rows[0].time, "/tf_static", CRS_FRAME, MAP_FRAME, T_crs_map)
+    if len(points := scene.map_points(scene.tiles_around(poses))):
+        yield _cloud(rows[0].time, "/map", MAP_FRAME, points)
+    for epoch in epochs:
+        row = epoch.row
+        yield _status(row)
+        if row.pose is None:
+            continue
+        local = scene.local(row.pose)
+        yield _pose(row, local)
+        yield _transform(row.time, "/tf", MAP_FRAME, SENSOR_FRAME, local)
+        if len(epoch.points):
+            yield _cloud(row.time, "/scan", SENSOR_FRAME, epoch.points)
+        if scene.crs is not None:
+            yield _fix(row, row.pose.z, next(lonlats))
+
+
+def _cloud(time: float, topic: str, frame: str, points: NDArray[np.float32]) -> ros.Entry:
+    content = {"header": ros.header_of(time, frame), **ros.cloud_content(dict(zip("xyz", points.T, strict=True)))}
+    return ros.Entry(time, topic, "sensor_msgs/msg/PointCloud2", content)
+
+
+def _status(row: PoseRow) -> ros.Entry:
+    level = INFO if row.status == Status.LOCALIZED else WARN
+    content = {"stamp": ros.header_of(row.time, "")["stamp"], "level": level, "name": "maxcon", "msg": row.words}
+    return ros.Entry(row.time, "/status", "rcl_interfaces/msg/Log", {**content, "file": "", "function": ""})
+
+
+def _pose(row: PoseRow, pose: Pose) -> ros.Entry:
+    place = {"pose": ros.position_and_turn(pose, ("position", "orientation")), "covariance": covariance_of(row).ravel()}
+    content = {"header": ros.header_of(row.time, MAP_FRAME), "pose": place}
+    return ros.Entry(row.time, "/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", content)
+
+
+def _transform(time: float, topic: str, parent: str, child: str, pose: Pose) -> ros.Entry:
+    place = ros.position_and_turn(pose, ("translation", "rotation"))
+    content = {"header": ros.header_of(time, parent), "child_frame_id": child, "transform": place}
+    return ros.Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [content]})
+
+
+def _fix(row: PoseRow, z: float, lonlat: list[float]) -> ros.Entry:
+    covariance = covariance_of(row)[:3, :3]
+    content = {
+        "header": ros.header_of(row.time, SENSOR_FRAME), "status": dict(status=0, service=1), "latitude": lonlat[1],
+        "longitude": lonlat[0], "altitude": z, "position_covariance": covariance.ravel(),
+        "position_covariance_type": 3 if covariance.any() else 0,
+    }  # fmt: skip
+    return ros.Entry(row.time, "/fix", "sensor_msgs/msg/NavSatFix", content)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import CrsError
 
-NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0
-"""Of surveys, from the middle of the earth, m: from under the sea at the poles to aircraft above the equator."""
+NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0  # of surveys from the middle of the earth, m: undersea to aircraft
 MARKS = 21  # points on each side of a rectangle that are transformed to find one around it
 LARGEST_INEXACTNESS = 0.05  # m: a transformation that is less exact is worth a warning
 MOVING = ("helmert", "molodensky", "molobadekas", "shift", "deformation")  # in the names of PROJ's steps
@@ -69,8 +68,7 @@ def metric_crs(text: str) -> str:
             f"Expected a projected CRS in metres, got {crs.name} in {', '.join(sorted(units)) or 'unknown units'}."
             " Reproject the points first, to the UTM zone for example: `map build --to-crs`."
         )
-    wkt: str = crs.to_wkt()
-    return wkt
+    return str(crs.to_wkt())
 
 
 def same_crs(one: str, other: str) -> bool:
@@ -94,40 +92,34 @@ def crs_code(wkt: str | None) -> str:
     return "" if crs is None else ":".join(crs.to_authority() or (crs.name,))
 
 
-def to_wgs84(crs: str, places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def to_wgs84(crs: str, places: Sequence[tuple[float, float]]) -> list[list[float]]:
     """Return longitude and latitude, degrees of WGS 84, of places (x, y) in a projected CRS in metres."""
     from pyproj import Transformer
 
     transformer = Transformer.from_crs(parse_crs(metric_crs(crs)).to_2d(), GEOGRAPHIC, always_xy=True)
-    x, y = zip(*places, strict=True) if places else ((), ())
-    longitudes, latitudes = transformer.transform(x, y)
-    return list(zip(longitudes, latitudes, strict=True))
+    found: list[list[float]] = np.stack(transformer.transform(*np.reshape(places, (-1, 2)).T), axis=1).tolist()
+    return found
 
 
 def beyond_area_of_use(crs: str | None, x: float, y: float) -> str:
     """A warning that a place is not where a projected CRS is meant for; nothing if that is not known."""
     if crs is None or not parse_crs(crs).is_projected:
         return ""
-    (place,) = to_wgs84(crs, [(x, y)])
-    if GeographicFrame(crs).contains(np.array([place[::-1]]))[0]:
+    if GeographicFrame(crs).contains(np.array(to_wgs84(crs, [(x, y)]))[:, ::-1])[0]:
         return ""
     return f"warning: x {x:.0f}, y {y:.0f} is outside of its area of use. Are coordinates local, or of another zone?"
 
 
 class Operation(NamedTuple):
-    """By which of its operations PROJ turned coordinates, and how exactly.
+    """By which of its operations PROJ turned coordinates, and how exactly."""
 
-    name: PROJ's. accuracy: m; -1 if PROJ knows none, which `% math.inf` makes the worst of all. moves: whether
-    places move, or are only written otherwise. grids: the files that are missing for the most exact operation there.
-    """
-
-    name: str
-    accuracy: float
-    moves: bool
-    grids: str = ""
+    name: str  # PROJ's
+    accuracy: float  # m; -1 if PROJ knows none, which `% math.inf` makes the worst of all
+    moves: bool  # whether places move, or are only written otherwise
+    grids: str = ""  # the files that are missing for the most exact operation there
 
     @classmethod
-    def last_used(cls, transformer: Any, source: Any, target: Any, place: tuple[float, float, float]) -> "Operation":
+    def last_used(cls, transformer: Any, source: Any, target: Any, place: Sequence[float]) -> "Operation":
         """Return that of the last call: PROJ chose it by the place, in the source, and knows it in this thread."""
         from pyproj import Transformer
         from pyproj.aoi import AreaOfInterest
@@ -140,7 +132,8 @@ class Operation(NamedTuple):
         used = cls(str(transformer.description), float(transformer.accuracy), moves)
         if used.is_exact:
             return used
-        east, north, _ = Transformer.from_crs(source, GEOGRAPHIC_3D, always_xy=True).transform(*place)
+        x, y, z = [*place, 0.0][:3]
+        east, north, _ = Transformer.from_crs(source, GEOGRAPHIC_3D, always_xy=True).transform(x, y, z)
         area: Any = AreaOfInterest(east, north, east, north)
         with warnings.catch_warnings(action="ignore", category=UserWarning):  # that grids are missing
             group = TransformerGroup(source, target, always_xy=True, area_of_interest=area)
@@ -175,22 +168,38 @@ class Operation(NamedTuple):
             )
 
 
-class PointTransform:
-    """Turns points of a source into coordinates of a projected CRS in metres.
+class _Between:
+    """From one CRS into another: `operation` is the least exact that PROJ has taken so far; None before the first."""
 
-    Heights are converted with their reference where both CRS say what it is, and from geocentric coordinates into
-    ellipsoidal ones. Otherwise they keep their reference, and only their unit becomes the metre: that of the heights,
-    or where a projected CRS has none, that of its plane.
+    asks_once = False  # whether the first one counts
 
-    source, target: CRS of the points, and the one to turn them into: WKT or codes.
-    operation: the least exact that PROJ has taken; None before the first, and where only the unit of heights changes.
+    def __init__(self, source: Any, target: Any) -> None:
+        self._ends = source, target
+        self.operation: Operation | None = None
+
+    def _turned(self, transformer: Any, *columns: NDArray[np.float64], inverse: bool = False) -> NDArray[np.float64]:
+        """Coordinates in the target, of columns in the source, or the other way round; shape (n, k)."""
+        found = np.stack(transformer.transform(*columns, direction="INVERSE" if inverse else "FORWARD"), axis=1)
+        rows = np.flatnonzero(np.isfinite(found).all(axis=1))
+        if len(rows) and not (self.asks_once and self.operation):
+            place = [float(column[rows[-1]]) for column in (found.T if inverse else columns)]
+            used = Operation.last_used(transformer, *self._ends, place)
+            self.operation = max(used, self.operation or used, key=lambda each: each.accuracy % math.inf)
+        return found
+
+
+class PointTransform(_Between):
+    """Turns points of a source into coordinates of a projected CRS in metres, both given as WKT or codes.
+
+    Heights are converted where both CRS say what they are counted from; else only their unit becomes the metre.
     """
 
     def __init__(self, source: str, target: str) -> None:
         self._source, self._target = parse_crs(source), parse_crs(metric_crs(target))
         self._has_heights = self._source.is_geocentric or len(self._target.axis_info) > 2
         self._transformer, self._height_unit = self._with_heights() if self._has_heights else self._in_plane()
-        self.operation: Operation | None = None
+        ends = self._source, self._target
+        super().__init__(*(ends if self._has_heights else (crs.to_2d() for crs in ends)))
 
     @property
     def height_reference(self) -> str:
@@ -208,35 +217,17 @@ class PointTransform:
         return f"from {crs_name(self._source.to_wkt())}{exact}{unit}"
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points in the target, shape (n, 3), m; not finite where it does not reach.
-
-        CrsError if points said to be geocentric are nowhere near the surface of the earth.
-        """
+        """Return points in the target, shape (n, 3), m; not finite where it does not reach."""
         x, y, z = points.T
         if self._source.is_geocentric:
             _check_geocentric(points)
         if self._has_heights:
-            placed = np.stack(self._transformer.transform(x, y, z), axis=1)
-            self._keep_operation(points, placed)
-            return placed
-        if self._transformer is not None:
-            x, y = self._transformer.transform(x, y)
-            self._keep_operation(points, np.stack([x, y], axis=1))
-        return np.stack([x, y, z * self._height_unit], axis=1)
-
-    def _keep_operation(self, points: NDArray[np.float64], placed: NDArray[np.float64]) -> None:
-        rows = np.flatnonzero(np.isfinite(placed).all(axis=1))
-        if len(rows):
-            crs = (self._source, self._target) if self._has_heights else (self._source.to_2d(), self._target.to_2d())
-            x, y, z = points[rows[-1]].tolist()
-            used = Operation.last_used(self._transformer, *crs, (x, y, z))
-            self.operation = max(used, self.operation or used, key=lambda each: each.accuracy % math.inf)
+            return self._turned(self._transformer, x, y, z)
+        plane = points[:, :2] if self._transformer is None else self._turned(self._transformer, x, y)
+        return np.column_stack([plane, z * self._height_unit])
 
     def bounds_in_source(self, bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float] | None:
-        """Return a rectangle (x_min, y_min, x_max, y_max) of the source that holds one of the target.
-
-        None where heights or the earth's middle take part.
-        """
+        """Return a rectangle (x_min, y_min, x_max, y_max) of the source around one of the target, if in plane."""
         if self._has_heights:
             return None
         if self._transformer is None:
@@ -295,82 +286,47 @@ def _check_geocentric(points: NDArray[np.float64]) -> None:
         )
 
 
-class GeographicFrame:
-    """What a GNSS receiver says, in the coordinates of a map whose CRS is given as WKT or a code.
+class GeographicFrame(_Between):
+    """What a GNSS receiver says, in the coordinates of a map whose CRS is given as WKT or a code."""
 
-    CrsError if that is unknown. `operation`: by which the first places came there, or from there; None before.
-    """
+    asks_once = True  # positions come one by one
 
     def __init__(self, crs: str) -> None:
         self._crs = parse_crs(crs)
-        self.operation: Operation | None = None
+        super().__init__(parse_crs(GEOGRAPHIC), self._crs.to_2d())
+        self.has_heights = len(self._crs.axis_info) > 2  # else ellipsoidal heights are taken as they are
+        self.has_ellipsoidal_heights = self.has_heights and not self._crs.is_compound
 
     def contains(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether places (latitude, longitude) lie where the map's CRS is meant for, about 1 degree around included.
-
-        All do where it does not say.
-        """
+        """Whether (latitude, longitude) lie within about 1 degree of where the map's CRS says it is meant for."""
         area = self._crs.area_of_use
         if area is None and (code := self._crs.to_authority()) is not None:
             area = parse_crs(":".join(code)).area_of_use
         if area is None or area.west > area.east:
             return np.ones(len(places), dtype=bool)
-        north, east = places[:, 0], places[:, 1]
-        is_inside = (north >= area.south - 1.0) & (north <= area.north + 1.0)
-        return np.asarray(is_inside & (east >= area.west - 1.0) & (east <= area.east + 1.0))
-
-    @property
-    def has_heights(self) -> bool:
-        """Whether the map's CRS says what its heights are; if not, ellipsoidal ones are taken as they are."""
-        return len(self._crs.axis_info) > 2
-
-    @property
-    def has_ellipsoidal_heights(self) -> bool:
-        """Whether the map's CRS says that its heights are above the ellipsoid."""
-        return self.has_heights and not self._crs.is_compound
+        low, high = [area.south - 1.0, area.west - 1.0], [area.north + 1.0, area.east + 1.0]
+        return np.asarray(((places[:, :2] >= low) & (places[:, :2] <= high)).all(axis=1))
 
     @property
     def shift_sigma(self) -> float:
-        """How far places may be off, m, as they were moved into the datum of the map; 0 where they were not.
-
-        A receiver's are in the datum of its corrections, whatever it says: PROJ's metre of WGS 84 does not count.
-        """
+        """How far places may be off, m, as they moved into the map's datum; PROJ's metre of WGS 84 does not count."""
         operation = self.operation
         return 0.0 if operation is None or operation.is_exact or not operation.moves else max(operation.accuracy, 0.0)
 
     def to_map(self, places: NDArray[np.float64], geoid_height: float | None = None) -> NDArray[np.float64]:
-        """Return coordinates in the map's CRS, shape (n, 3), m.
-
-        places: shape (n, 3); latitude, longitude (degrees), ellipsoidal height (m).
-        geoid_height: of the geoid above the ellipsoid there, m: it is subtracted from the heights, whatever the CRS
-            says.
-        """
+        """Return x, y, z in the map's CRS, m, of latitude, longitude (degrees), height less that of the geoid."""
         latitude, longitude, height = places.T
         if self.has_heights and geoid_height is None:
-            placed = np.stack(self._transformer.transform(longitude, latitude, height), axis=1)
-            self._keep_operation(self._transformer, placed, places)
-            return placed
-        x, y = self._plane.transform(longitude, latitude)
-        self._keep_operation(self._plane, np.stack([x, y], axis=1), places)
-        return np.stack([x, y, height - (geoid_height or 0.0)], axis=1)
+            return self._turned(self._transformer, longitude, latitude, height)
+        plane = self._turned(self._plane, longitude, latitude)
+        return np.column_stack([plane, height - (geoid_height or 0.0)])
 
     def to_geographic(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return latitude, longitude (degrees) and height (m), shape (n, 3), of coordinates in the map's CRS."""
         x, y, z = positions.T
         if self.has_heights:
-            longitude, latitude, z = self._transformer.transform(x, y, z, direction="INVERSE")
-        else:
-            longitude, latitude = self._plane.transform(x, y, direction="INVERSE")
-        places = np.stack([latitude, longitude, z], axis=1)
-        self._keep_operation(self._transformer if self.has_heights else self._plane, places, places)
-        return places
-
-    def _keep_operation(self, transformer: Any, placed: NDArray[np.float64], places: NDArray[np.float64]) -> None:
-        rows = np.flatnonzero(np.isfinite(placed).all(axis=1))
-        if self.operation is None and len(rows):
-            latitude, longitude = places[rows[-1], :2].tolist()
-            source, target = parse_crs(GEOGRAPHIC), self._crs.to_2d()
-            self.operation = Operation.last_used(transformer, source, target, (longitude, latitude, 0.0))
+            return self._turned(self._transformer, x, y, z, inverse=True)[:, [1, 0, 2]]
+        return np.column_stack([self._turned(self._plane, x, y, inverse=True)[:, ::-1], z])
 
     def convergence(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far true north is turned from the grid's, shape (n,), rad, counter-clockwise."""
@@ -382,10 +338,7 @@ class GeographicFrame:
     def quaternions_to_map(
         self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], *, inverse: bool = False
     ) -> NDArray[np.float64]:
-        """Return orientations towards the axes of the map, shape (n, 4), of those towards true east, north and up.
-
-        If `inverse`, the other way round.
-        """
+        """Return orientations towards the axes of the map, (n, 4), of those towards true east, north, up."""
         from scipy.spatial.transform import Rotation
 
         angles = self.convergence(places)[:, None] * (-1.0 if inverse else 1.0)

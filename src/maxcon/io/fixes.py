@@ -6,6 +6,7 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,8 @@ from maxcon.io.crs import GeographicFrame, Operation
 from maxcon.scan.trajectory import Trajectory, first_fault
 
 BASELINE = 5.0  # a course over ground is that between two positions so far apart, m
-ALIKE = math.radians(30.0)
-"""An IMU whose headings are farther from the course over ground, in the median, does not know where north is."""
-COMPASS_ALIKE = math.radians(10.0)
-"""Headings that are as near to it as this when bearings are read as headings, or the other way round, are such."""
+ALIKE = math.radians(30.0)  # an IMU farther from the course over ground, in the median, does not know where north is
+COMPASS_ALIKE = math.radians(10.0)  # as near to it, bearings that are read as headings are such, and vice versa
 ASSUMED_SIGMA = math.radians(2.0)  # of an IMU's heading, where it states none, rad
 MAX_GAP = 0.5  # between two orientations to interpolate across, s
 COURSE = "headings: course over ground"
@@ -96,13 +95,7 @@ class RecordedPoses:
 def place_fixes(
     log: ReceiverLog, frame: GeographicFrame, geoid_height: float | None, label: str, *, are_sure: bool = False
 ) -> RecordedPoses:
-    """Return poses in the map's CRS, and what is to be said of them.
-
-    frame: of the map.
-    geoid_height: of the geoid above the ellipsoid, m.
-    label: where they come from, for messages.
-    are_sure: whether orientations are believed even if they are nothing like the course over ground.
-    """
+    """Return poses in the map's CRS; label: for messages, are_sure: orientations are not held against the course."""
     positions, words_of_heights = _positions(log, frame, geoid_height, label)
     courses = _courses(log.times, positions)
     imu = log.orientations
@@ -126,35 +119,24 @@ def place_fixes(
         larger = np.maximum(log.covariances[rows, 0, 0], log.covariances[rows, 1, 1])
         sigmas = np.sqrt(2.0 * np.maximum(larger, 0.0)) / BASELINE
     covariances = np.zeros((len(rows), 3, 3))
-    covariances[:, :2, :2] = log.covariances[rows]
-    covariances[:, :2, :2] += np.eye(2) * frame.shift_sigma**2
+    covariances[:, :2, :2] = log.covariances[rows] + np.eye(2) * frame.shift_sigma**2
     covariances[:, 2, 2] = sigmas**2
     covariances[np.isnan(covariances).any(axis=(1, 2))] = np.nan
     known = None if np.isnan(covariances).all() else covariances
     inexact = "" if frame.operation is None or frame.operation.is_exact else f"; {frame.operation.words}"
     left = f"; {log.n_left_out} messages without a fix left out" if log.n_left_out else ""
-    return RecordedPoses(
-        checked_trajectory(label, log.times[rows], positions[rows], quaternions, known),
-        f"{log.words}; {others or words}; heights: {words_of_heights}{inexact}{left}",
-        None if frame.has_heights or geoid_height is not None else log.heights,
-        not others,
-        left_out=log.left_out,
-        operation=frame.operation,
-    )
+    words = f"{log.words}; {others or words}; heights: {words_of_heights}{inexact}{left}"
+    heights = None if frame.has_heights or geoid_height is not None else log.heights
+    trajectory = checked_trajectory(label, log.times[rows], positions[rows], quaternions, known)
+    return RecordedPoses(trajectory, words, heights, not others, left_out=log.left_out, operation=frame.operation)
 
 
-def checked_trajectory(
-    label: str,
-    times: NDArray[np.float64],
-    positions: NDArray[np.float64],
-    quaternions_xyzw: NDArray[np.float64],
-    covariances: NDArray[np.float64] | None,
-) -> Trajectory:
+def checked_trajectory(label: str, times: NDArray[np.float64], *others: Any) -> Trajectory:
     """Return a trajectory; TrajectoryError names where it comes from, and the time of a pose that cannot be used."""
-    fault = first_fault(times, positions, quaternions_xyzw, covariances)
+    fault = first_fault(times, *others)
     if fault is not None:
         raise TrajectoryError(f"{label}, at {times[fault.row]:.6f} s: {fault.words}")
-    return Trajectory(times, positions, quaternions_xyzw, covariances)
+    return Trajectory(times, *others)
 
 
 def _positions(
@@ -168,30 +150,29 @@ def _positions(
             f"{label}: Expected positions where the map's CRS is meant for, {got}. Are the two swapped? The other way"
             " round they would be."
         )
-    is_orthometric, is_known = log.heights is Heights.ORTHOMETRIC, geoid_height is not None
-    if is_orthometric and frame.has_ellipsoidal_heights and not is_known:
-        raise CrsError(
-            f"Expected ellipsoidal heights as the map's CRS has, got heights above the geoid in {label}. Say how high"
-            " the geoid is above the ellipsoid there: --geoid-height."
-        )
-    if is_orthometric and is_known and not frame.has_ellipsoidal_heights:
-        raise OptionError(
-            f"Expected --geoid-height with ellipsoidal heights, got it with heights above the geoid in {label}."
-            " Leave it out."
-        )
-    if is_orthometric and frame.has_ellipsoidal_heights:
-        positions = frame.to_map(places + [0.0, 0.0, geoid_height or 0.0])
-        words = f"above the geoid, and {geoid_height:g} m added"
-    elif is_orthometric:
-        positions, words = frame.to_map(places, 0.0), "above the geoid, as they are"
-    else:
+    if log.heights is Heights.ELLIPSOIDAL:
         positions, words = frame.to_map(places, geoid_height), "the receiver's (ellipsoidal)"
-        if is_known:
+        if geoid_height is not None:
             words += f" less {geoid_height:g} m"
         elif frame.has_heights:
             words += ", turned into those of the map's CRS"
         else:
             words += " as they are, for the map's CRS does not say what its own are"
+    elif frame.has_ellipsoidal_heights:
+        if geoid_height is None:
+            raise CrsError(
+                f"Expected ellipsoidal heights as the map's CRS has, got heights above the geoid in {label}. Say how"
+                " high the geoid is above the ellipsoid there: --geoid-height."
+            )
+        positions = frame.to_map(places + [0.0, 0.0, geoid_height])
+        words = f"above the geoid, and {geoid_height:g} m added"
+    else:
+        if geoid_height is not None:
+            raise OptionError(
+                f"Expected --geoid-height with ellipsoidal heights, got it with heights above the geoid in {label}."
+                " Leave it out."
+            )
+        positions, words = frame.to_map(places, 0.0), "above the geoid, as they are"
     if not np.isfinite(positions).all():
         raise TrajectoryError(f"{label}: Expected positions where the map's CRS is defined, {got}. Is this the map?")
     return positions, words

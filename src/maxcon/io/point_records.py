@@ -1,23 +1,44 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Points as drivers of scanners and PCD files store them: structured arrays, some of whose fields are understood."""
+"""Points as drivers of scanners and PCD files store them: arrays of records, which fields are understood, and how."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.io.point_times import TIME_FIELDS, PointTimes, find_point_times
 from maxcon.io.text import printable
 
-FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""Kinds of numbers by their code in sensor_msgs/PointField."""
+FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # by codes of PointField
 RINGS = ("ring", "channel", "laser_id", "line", "laser_number")  # names under which drivers store the layer of a point
 MAX_POINTS, MAX_BYTES = 50_000_000, 2**20  # of a cloud, of one point: NumPy counts the bytes of a record in 32 bits
 MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
-"""Odd factors by which the bits of x, y and z are hashed."""
+PAIRS = (("time_sec", "time_nsec"), ("sec", "nsec"), ("timestampsec", "timestampnsec"))
+NAMES = ("timestamp", "time_stamp", "timestamps", "time", "times", "t", "offset_time", "time_offset", "t_offset")
+TIME_FIELDS = frozenset([*NAMES, *(name for pair in PAIRS for name in pair)])  # all of these, in small letters
+UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # nanoseconds of each unit
+UNIT_WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+LONGEST, SHORTEST = 2 * 10**9, 10**6  # a scan, ns: some scanners turn once in a second, some drivers send each packet
+SAME_CLOCK = 60 * 10**9  # absolute times nearer to the message's, ns, are on its clock; a scanner's may be seconds off
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointTimes:
+    """When the points of a scan were measured."""
+
+    offsets: NDArray[np.float64] | None  # (n,), s after the time of the message; None where no field makes sense
+    kind: str  # field, unit and reference of the times, without figures: usually the same for all scans of a recording
+    words: str  # the same with the figures of this scan that speak for it
+
+    @property
+    def middle(self) -> float:
+        """Half-way between the first and the last point, from the time of the message, s; 0 where not known."""
+        if self.offsets is None or len(self.offsets) == 0:
+            return 0.0
+        return float(self.offsets.min() + self.offsets.max()) / 2.0
 
 
 class CloudPoints(NamedTuple):
@@ -26,11 +47,9 @@ class CloudPoints(NamedTuple):
     points: NDArray[np.float64]  # shape (n, 3), float64; sensor frame, m
     times: PointTimes  # when each was measured, and how its field of times was understood
     rings: NDArray[np.int64] | None  # shape (n,), or None; layer of the scanner, where the cloud says
-    # n_points, n_invalid, n_duplicates: points in the record; those at (0, 0, 0) or with coordinates that are not
-    # finite; of the others those with the same coordinates as one before them
-    n_points: int
-    n_invalid: int
-    n_duplicates: int
+    n_points: int  # in the record
+    n_invalid: int  # at (0, 0, 0), or not finite
+    n_duplicates: int  # of the others: at the place of one before them
     fields: str = ""  # names and types of all fields of a point, where the cloud tells them
 
 
@@ -79,10 +98,7 @@ def words_of(dtype: np.dtype[np.void]) -> str:
 
 
 def coordinate_fields(dtype: np.dtype[np.void], kinds: str = "f", axes: Sequence[str] = "xyz") -> list[str]:
-    """Return the names of the fields of three coordinates, in capitals where there is none in small letters.
-
-    ValueError if one is not there, or comes twice, or is not of one of these `kinds` of numbers.
-    """
+    """Return the names of the fields of three coordinates, or their capitals; ValueError where one is none."""
     names = dtype.names or ()
     found = [axis if axis in names else axis.upper() for axis in axes]
     for name in found:
@@ -107,15 +123,10 @@ def decode_points(records: NDArray[np.void], stamp: int) -> CloudPoints:
         rows, coordinates = rows[once], [_taken(values, once) for values in coordinates]
     columns = times_and_rings(records, rows)
     ring = next((columns[name] for name in RINGS if name in columns), None)
-    return CloudPoints(
-        points=np.stack(coordinates, axis=1, dtype=np.float64),
-        times=find_point_times(columns, stamp),
-        rings=None if ring is None or ring.dtype.kind == "f" else ring.astype(np.int64),
-        n_points=records.size,
-        n_invalid=records.size - n_returns,
-        n_duplicates=n_returns - len(rows),
-        fields=words_of(records.dtype),
-    )
+    rings = None if ring is None or ring.dtype.kind == "f" else ring.astype(np.int64)
+    points, times = np.stack(coordinates, axis=1, dtype=np.float64), find_point_times(columns, stamp)
+    counts = records.size, records.size - n_returns, n_returns - len(rows)
+    return CloudPoints(points, times, rings, *counts, words_of(records.dtype))
 
 
 def decode_times(records: NDArray[np.void], stamp: int) -> PointTimes:
@@ -175,3 +186,100 @@ def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] 
         order = np.unique(np.stack(whole, axis=1), axis=0, return_index=True)[1]
         return np.sort(order)
     return np.sort(order[~is_same])
+
+
+def find_point_times(columns: Mapping[str, NDArray[np.generic]], stamp: int) -> PointTimes:
+    """Return when the returns of a scan were measured: columns are the values of fields, stamp the message's time, ns.
+
+    A unit is right if the scan then lasts between 1 ms and 2 s; times near the message's are absolute ones. Where
+    several units are possible, floating-point numbers are in the largest, integers in the smallest of them.
+    """
+    names = {name.lower(): name for name in reversed(list(columns))}
+    pair = next(([names[name] for name in pair] for pair in PAIRS if set(pair) <= set(names)), None)
+    name = next((names[name] for name in NAMES if name in names), None)
+    if pair is not None:
+        label = " + ".join(pair)
+        values = columns[pair[0]]
+    elif name is not None:
+        label = f"{name} ({columns[name].dtype.name})"
+        values = columns[name]
+    else:
+        return PointTimes(None, "no field", "the points have no field of times")
+    if not len(values):
+        return PointTimes(np.empty(0), label, f"{label}: no points")
+    return _of_field(label, values, stamp) if pair is None else _of_pair(label, values, columns[pair[1]], stamp)
+
+
+def _of_pair(label: str, seconds: NDArray[np.generic], nanoseconds: NDArray[np.generic], stamp: int) -> PointTimes:
+    # A float64 of seconds since 1970 has steps of 0.2 us; whole seconds less those of the message are exact.
+    whole, begin = divmod(stamp, 10**9)
+    offsets = (seconds.astype(np.float64) - whole) + (nanoseconds.astype(np.float64) - begin) * 1e-9
+    span = float(np.ptp(offsets))
+    if not 0.0 < span * 1e9 <= LONGEST:
+        return _not_understood(label, f"they last {span:.6g} s")
+    return _absolute(label, "s + ns", f"seconds and nanoseconds, last {span:.6f} s", offsets)
+
+
+def _of_field(label: str, values: NDArray[np.generic], stamp: int) -> PointTimes:
+    low, high = values.min(), values.max()
+    is_float = values.dtype.kind == "f"
+    if is_float and not (np.isfinite(low) and np.isfinite(high)):
+        return _not_understood(label, "some are NaN or infinite")
+    if low == high:
+        return _not_understood(label, f"all are {low}")
+    # Differences of integers are exact, also where float64 would round the integers themselves.
+    exact = (values.astype(np.float64 if is_float else np.int64) - low.item()).astype(np.float64)
+    span, begin = float(exact.max()), float(low.item())
+    unit = _unit(begin, span, stamp, is_float=is_float)
+    if unit is None:
+        return _not_understood(label, f"they range over {span:.6g}: between 1 ms and 2 s in no unit")
+    scale = UNITS[unit] * 1e-9
+    offsets, begin_seconds = exact * scale, begin * scale
+    if is_float:
+        first = (float(low) * scale - stamp // 10**9) - stamp % 10**9 * 1e-9
+    else:
+        first = (int(low) * UNITS[unit] - stamp) * 1e-9
+    words = f"{UNIT_WORDS[unit]}, as they range over {span:.6g}"
+    if abs(first) <= SAME_CLOCK * 1e-9 < abs(begin_seconds):
+        return _absolute(label, f"{unit}, absolute", words, first + offsets)
+    if abs(begin_seconds) <= LONGEST * 1e-9:
+        offsets = begin_seconds + offsets
+        where = f"{offsets.min():+.6f} to {offsets.max():+.6f} s"
+        return _told(label, offsets, f"{unit}, relative", f"{words}; from the message's time: {where}")
+    told = f"{words}; they begin at {begin_seconds:.6g} s, far from the message's {stamp * 1e-9:.6g} s"
+    told += ": another clock (since boot?), so that the message's time is held for the first point's"
+    return _told(label, offsets, f"{unit}, of another clock (since boot?)", told)
+
+
+def _unit(begin: float, span: float, stamp: int, *, is_float: bool) -> str | None:
+    """The unit in which times are near that of the message, or a scan lasts as long as it may."""
+    for name, unit in UNITS.items():
+        is_near = abs(begin * unit - stamp) <= SAME_CLOCK < abs(begin) * unit
+        if is_near and span * unit <= LONGEST:
+            return name
+    possible = [name for name, unit in UNITS.items() if SHORTEST <= span * unit <= LONGEST]
+    if not possible:
+        return None
+    return possible[0] if is_float else possible[-1]
+
+
+def _absolute(label: str, kind: str, words: str, offsets: NDArray[np.float64]) -> PointTimes:
+    """Absolute times, on the clock of the message."""
+    if abs(float(offsets[0])) > SAME_CLOCK * 1e-9:
+        begin = f"they begin {float(offsets.min()):.6g} s from the message's time: another clock, so that the message's"
+        told = f"{words}; {begin} time is held for the first point's"
+        return _told(label, offsets - offsets.min(), f"{kind}, of another clock", told)
+    span = float(np.ptp(offsets))
+    ends = "last" if abs(offsets.max()) < 0.1 * span else "first" if abs(offsets.min()) < 0.1 * span else ""
+    beside = f"; the message has the time of the {ends} point" if ends else ""
+    where = f"{offsets.min():+.6f} to {offsets.max():+.6f} s from it{beside}"
+    kind = kind if "absolute" in kind else f"{kind}, absolute"
+    return _told(label, offsets, kind, f"{words}, and lie near the message's time: {where}")
+
+
+def _not_understood(label: str, why: str) -> PointTimes:
+    return _told(label, None, "not understood", f"not understood, as {why}")
+
+
+def _told(label: str, offsets: NDArray[np.float64] | None, kind: str, words: str) -> PointTimes:
+    return PointTimes(offsets, f"{label}: {kind}", f"{label}: {words}")

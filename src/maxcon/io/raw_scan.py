@@ -19,21 +19,20 @@ from maxcon.scan.deskew import deskew, times_of_turn
 from maxcon.scan.scan import Viewpoints
 from maxcon.scan.trajectory import Trajectory
 
+LONELY_GAP = 0.1  # where the first scanner has a single scan: largest distance in time to scans of the others, s
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawScan:
     """The points of one epoch as they stand in a file, without those that are no returns or out of range.
 
-    - points: shape (n, 3), float64; Sensor frame, m. May be empty.
-    - time: time of the scan, s.
-    - name: name of the file.
-    - n_returns: points in the file.
+    - points: shape (n, 3), float64; sensor frame, m. May be empty.
+    - time: time of the scan, s. name: of the file. n_returns: points in it.
     - n_dropped_invalid: points at (0, 0, 0) (no return) or with NaN or infinite coordinates.
     - n_dropped_range: points nearer than the smallest or farther than the largest range.
     - n_dropped_duplicates: points with the same coordinates as another; only those of recordings are checked.
-    - point_times: shape (n,); When each point was measured, s after `time`; None where that is not known.
-    - viewpoints: where each point was measured from, if there are several scanners; points are in the vehicle's frame
-      then.
+    - point_times: shape (n,); when each point was measured, s after `time`; None where that is not known.
+    - viewpoints: of several scanners, whose points are in the vehicle's frame: where each was measured from.
     """
 
     points: NDArray[np.float64]
@@ -83,33 +82,20 @@ class Scans(ABC):
 def check_range(min_range: float, max_range: float) -> None:
     """OptionError if not 0 <= min_range < max_range (m)."""
     if not 0.0 <= min_range < max_range:
-        raise OptionError(
-            f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults are 1 and 120 m."
-        )
+        raise OptionError(f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. Usual: 1, 120 m.")
 
 
-def scan_within(
-    cloud: CloudPoints, stamp: float, time: float, name: str, min_range: float, max_range: float
-) -> RawScan:
-    """Return the returns of a cloud within the range (m) as a scan at `time`; its own time is `stamp`, s.
-
-    Errors as of `check_range`.
-    """
+def scan_within(cloud: CloudPoints, stamp: float, time: float, name: str, *limits: float) -> RawScan:
+    """Return the returns of a cloud within limits of range (m) as a scan at `time`; its own time is `stamp`, s."""
+    min_range, max_range = limits
     check_range(min_range, max_range)
     x, y, z = cloud.points.T
     with np.errstate(over="ignore"):
         ranges = np.sqrt(x * x + y * y + z * z)
     kept, offsets = np.flatnonzero((ranges >= min_range) & (ranges <= max_range)), cloud.times.offsets
-    return RawScan(
-        points=cloud.points.take(kept, axis=0),
-        time=time,
-        name=name,
-        n_returns=cloud.n_points,
-        n_dropped_invalid=cloud.n_invalid,
-        n_dropped_range=len(cloud.points) - len(kept),
-        n_dropped_duplicates=cloud.n_duplicates,
-        point_times=None if offsets is None else offsets.take(kept) - (time - stamp),
-    )
+    counts = cloud.n_points, cloud.n_invalid, len(cloud.points) - len(kept), cloud.n_duplicates
+    point_times = None if offsets is None else offsets.take(kept) - (time - stamp)
+    return RawScan(cloud.points.take(kept, axis=0), time, name, *counts, point_times)
 
 
 def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -119,17 +105,10 @@ def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> 
     return np.where(wanted - times[before] <= times[after] - wanted, before, after)
 
 
-LONELY_GAP = 0.1  # where the first scanner has a single scan: largest distance in time to scans of the others, s
-
-
 class DeskewedScans(Scans):
-    """Scans whose points have times, deskewed by a motion when they are read.
+    """Scans whose points have times, deskewed by a motion, T_fixed_sensor in any fixed frame, when they are read.
 
-    scans: as they were recorded.
-    motion: T_fixed_sensor in any fixed frame, on the clock of the scans.
-    max_gap: largest time between two of its poses to interpolate across, s.
-    turn_time: for scans whose points have no times: how long a turn of the scanner takes, s, clockwise seen from above,
-        and negative for counter-clockwise. The time of a scan is that of the middle of its turn, which looks forward.
+    turn_time: s, of scans without such times, clockwise seen from above; their time is the middle, which looks forward.
     """
 
     def __init__(self, scans: Scans, motion: Trajectory, max_gap: float = 0.5, turn_time: float | None = None) -> None:
@@ -141,10 +120,7 @@ class DeskewedScans(Scans):
         return self._scans.name(i)
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
-        """Return scan number `i`, deskewed; range limits apply to the ranges as measured.
-
-        FileError if it cannot be read, its points have no times, or the motion does not cover it.
-        """
+        """Return scan number `i`, deskewed; range limits apply to the ranges as measured."""
         raw = self._scans.read(i, min_range, max_range)
         offsets = raw.point_times
         if offsets is None and self._turn_time is not None:
@@ -162,13 +138,7 @@ class DeskewedScans(Scans):
 
 
 class MergedScans(Scans):
-    """Scans of several scanners, matched by their times, their points in the frame of the vehicle.
-
-    scanners: each scan of the first one is an epoch; of each other scanner the scan nearest in time is added, if it is
-        within half of the first one's usual interval.
-    poses: T_vehicle_sensor of each.
-    names: names of the scanners, for messages.
-    """
+    """Scans of several scanners at T_vehicle_sensor, in the vehicle's frame: each of the first with the nearest."""
 
     def __init__(self, scanners: Sequence[Scans], poses: Sequence[Pose], names: Sequence[str]) -> None:
         self.scanners, self.poses, self.names = tuple(scanners), tuple(poses), tuple(names)
@@ -208,17 +178,11 @@ class MergedScans(Scans):
 
     def name(self, i: int) -> str:
         """Return the names of the scans of epoch number `i`."""
-        return " + ".join(
-            scans.name(int(row)) for scans, row in zip(self.scanners, self._rows[i], strict=True) if row >= 0
-        )
+        own = zip(self.scanners, self._rows[i].tolist(), strict=True)
+        return " + ".join(scans.name(row) for scans, row in own if row >= 0)
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
-        """Return epoch number `i`, in the frame of the vehicle; ranges are those of each scanner.
-
-        Points without times of their own get the time of their scan, if scans of the epoch differ in time.
-
-        FileError if one of its scans is broken; OptionError if not 0 <= min_range < max_range.
-        """
+        """Return epoch number `i`, in the frame of the vehicle; ranges are those of each scanner."""
         time = float(self.times[i])
         numbers = np.flatnonzero(self._rows[i] >= 0)
         raws = [self.scanners[number].read(int(self._rows[i, number]), min_range, max_range) for number in numbers]
@@ -228,14 +192,10 @@ class MergedScans(Scans):
             for raw, size in zip(raws, sizes, strict=True)
         ]
         is_known = any(raw.point_times is not None or raw.time != time for raw in raws)
-        return RawScan(
-            points=np.concatenate([self.poses[k].apply(raw.points) for k, raw in zip(numbers, raws, strict=True)]),
-            time=time,
-            name=self.name(i),
-            n_returns=sum(raw.n_returns for raw in raws),
-            n_dropped_invalid=sum(raw.n_dropped_invalid for raw in raws),
-            n_dropped_range=sum(raw.n_dropped_range for raw in raws),
-            n_dropped_duplicates=sum(raw.n_dropped_duplicates for raw in raws),
-            point_times=np.concatenate(offsets) if is_known else None,
-            viewpoints=Viewpoints(np.repeat(numbers, sizes), self.poses),
-        )
+        points = np.concatenate([self.poses[k].apply(raw.points) for k, raw in zip(numbers, raws, strict=True)])
+        counts = (
+            sum(raw.n_returns for raw in raws), sum(raw.n_dropped_invalid for raw in raws),
+            sum(raw.n_dropped_range for raw in raws), sum(raw.n_dropped_duplicates for raw in raws),
+        )  # fmt: skip
+        times, viewpoints = np.concatenate(offsets), Viewpoints(np.repeat(numbers, sizes), self.poses)
+        return RawScan(points, time, self.name(i), *counts, times if is_known else None, viewpoints)

@@ -24,10 +24,7 @@ def dds_names(topic: str, kind: str) -> tuple[str, str]:
 
 @cache
 def _type_of(kind: str) -> Any:
-    """The type of a message, by which DDS checks what it receives; its content stays as bytes, `packed`.
-
-    Turned into numbers one by one, half a megabyte of points would take 20 ms.
-    """
+    """The type of a message, by which DDS checks what comes; its content stays bytes: numbers would take 20 ms."""
     from cyclonedds import idl
     from rosbags.interfaces import Nodetype
 
@@ -60,10 +57,7 @@ def _packed(made: Any, data: bytes) -> Any:
 
 
 class Ros2Wire:
-    """A participant of DDS; needs the extra `ros2`.
-
-    domain: as ROS_DOMAIN_ID.
-    """
+    """A participant of DDS in a domain, as of ROS_DOMAIN_ID; needs the extra `ros2`."""
 
     def __init__(self, domain: int = 0) -> None:
         with needs_extra("cyclonedds", "to speak with ROS 2", "ros2"):
@@ -84,25 +78,17 @@ class Ros2Wire:
     def subscribe(
         self, topic: str, kind: str, tell: Callable[[Any], None], *, depth: int = DEPTH, is_latched: bool = False
     ) -> None:
-        """Have `listen` call `tell` with each message, decoded, of which so many are kept until then.
-
-        Best effort, as sensors publish; reliable, and with the last message of before, if latched.
-        """
+        """Have `listen` call `tell` with each message; latched ones come reliably, others by best effort."""
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
         from cyclonedds.sub import DataReader
 
-        reader = DataReader(
-            self._participant, self._topic(topic, kind), _qos(depth, is_latched, is_reliable=is_latched)
-        )
+        reader = DataReader(self._participant, self._topic(topic, kind), _qos(depth, is_latched))
         new = ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
         self._waits.attach(new)
         self._readers.append((reader, new, depth, Message(topic, kind, "cdr", 0, b""), tell))
 
     def publisher(self, topic: str, kind: str, *, is_latched: bool = False) -> Callable[[dict[str, Any]], None]:
-        """Return a function that publishes a message of nested values, from any thread.
-
-        Reliable, so that readers of both kinds match; if latched, those that come later get the last message, too.
-        """
+        """Return what publishes nested values, reliably, so that all readers match; latched: also to later ones."""
         from cyclonedds.pub import DataWriter
 
         made = self._topic(topic, kind)
@@ -125,11 +111,11 @@ class Ros2Wire:
         return Topic(self._participant, dds_names(topic, kind)[0], _type_of(kind))
 
 
-def _qos(depth: int, is_latched: bool, *, is_reliable: bool) -> Any:
+def _qos(depth: int, is_latched: bool, *, is_reliable: bool = False) -> Any:
     from cyclonedds.core import Policy, Qos
 
     return Qos(
-        Policy.Reliability.Reliable(BLOCKED) if is_reliable else Policy.Reliability.BestEffort,
+        Policy.Reliability.Reliable(BLOCKED) if is_reliable or is_latched else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile,
         Policy.History.KeepLast(depth),
         Policy.DataRepresentation(use_cdrv0_representation=True),

@@ -18,19 +18,15 @@ from numpy.typing import NDArray
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError, TrajectoryError
 
-# A pose is about 150 characters; a longer line is another kind of file.
-MAX_LINE = 10_000
-# A row of a cloud may have hundreds of numbers.
-MAX_ROW = 100_000
-# Lines of text are heavier in memory than their numbers: a quarter of a million take about 100 MB.
-MAX_LINES = 250_000
+MAX_LINE = 10_000  # a pose is about 150 characters; a longer line is another kind of file
+MAX_ROW = 100_000  # a row of a cloud may have hundreds of numbers
+MAX_LINES = 250_000  # lines of text are heavier in memory than their numbers: these take about 100 MB
 
 SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 ANGLES = ("roll", "pitch", "heading", "azimuth", "sigma_heading")  # in rad, or in degrees as NAME_deg
 OTHER_NAMES = {"time": "timestamp"}
-UNCLEAR_HEADINGS = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")
-"""Headings of other programs: some count from the north, or clockwise."""
+UNCLEAR_HEADINGS = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")  # may count from north, or clockwise
 
 
 def printable(text: str) -> str:
@@ -49,10 +45,7 @@ def reading(file: Path, what: str) -> Iterator[None]:
 
 
 def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
-    """Yield each line of UTF-8 text with its number from 1, without blanks around it; empty lines are left out.
-
-    `what` the file should hold is for messages, e.g. "a trajectory". FileError if it cannot be read, or is not text.
-    """
+    """Yield each line of UTF-8 text that is not empty with its number from 1, stripped; `what` is for messages."""
     number = 0
     try:
         with reading(file, what), io.TextIOWrapper(open_regular(file), encoding="utf-8-sig") as stream:
@@ -129,26 +122,23 @@ class PoseTable:
         self.faults.setdefault(self.lines[row], f"{words} Correct or remove this line.")
 
     def good(self, arrays: Sequence[NDArray[np.float64]], *, may_leave_out: bool) -> list[NDArray[np.float64]]:
-        """Leave out rows with faults, also in arrays of a row each, which are returned.
-
-        TrajectoryError if there are faults but none `may_leave_out`, if most rows have one, or if no row is left.
-        """
-        is_good = np.array([line not in self.faults for line in self.lines], dtype=bool)
-        self.keep(is_good)
+        """Leave out rows with faults, also in arrays of a row each, which come back; TrajectoryError if most are."""
+        good = self.keep([line not in self.faults for line in self.lines])
         if self.faults and (not may_leave_out or len(self.faults) > len(self.rows)):
             raise TrajectoryError(self.told_faults()[0])
         if not self.rows:
             raise TrajectoryError(f"{self.file}: Expected at least one pose, got none. Was it written to its end?")
-        return [array[is_good] for array in arrays]
+        return [array[good] for array in arrays]
 
     def told_faults(self) -> tuple[str, ...]:
         """Faults in order of their lines, with file and line."""
         return tuple(f"{self.file}, line {line}: {words}" for line, words in sorted(self.faults.items()))
 
-    def keep(self, is_kept: Iterable[object]) -> None:
-        """Leave out the rows for which the value is not true."""
+    def keep(self, is_kept: Iterable[object]) -> list[int]:
+        """Leave out the rows for which the value is not true; return which are kept."""
         kept = [row for row, is_in in enumerate(is_kept) if is_in]
         self.lines, self.rows = [self.lines[row] for row in kept], [self.rows[row] for row in kept]
+        return kept
 
     def texts(self, name: str) -> list[str]:
         """Cells of the column of a name."""
@@ -169,11 +159,7 @@ class PoseTable:
         return found[0] if found else None
 
     def numbers(self, quantities: Sequence[str], *, may_be_empty: bool = False) -> NDArray[np.float64]:
-        """Return quantities in s, m and rad, shape (n, k); NaN where there is no such column, or its cell is empty.
-
-        Faults: a cell that is no finite number, or is empty unless it `may_be_empty`; an angle of more than a turn; a
-        standard deviation below 0.
-        """
+        """Return quantities in s, m and rad, (n, k), and note faults of cells; NaN where empty, or no such column."""
         found = np.full((len(self.rows), len(quantities)), np.nan)
         for k, quantity in enumerate(quantities):
             name = self.name_of(quantity)
@@ -198,19 +184,17 @@ class PoseTable:
 
 
 def read_pose_table(file: Path, what: str = "a trajectory", names: Sequence[str] = ()) -> PoseTable:
-    """Return a CSV table with a header, or one of given `names` with blanks between columns; `#` begins a comment.
-
-    `what` it should hold is for messages.
-    """
+    """Return a CSV table with a header, or one of given `names` with blanks between columns; `#` begins a comment."""
     table = PoseTable(file, list(names))
     for number, line in numbered_lines(file, what):
+        if line.startswith("#"):
+            continue
         try:
-            cells = _cells(line, is_csv=not names)
+            texts = line.partition("#")[0].split() if names else next(csv.reader([line], strict=True))
         except csv.Error as error:
             table.faults[number] = f"Expected comma-separated values, got: {error}. Correct or remove this line."
             continue
-        if not cells:
-            continue
+        cells = [text.strip() for text in texts]
         if not table.names:
             table.names, table.header_line = [name.lower() for name in cells], number
         elif len(cells) == len(table.names):
@@ -222,9 +206,3 @@ def read_pose_table(file: Path, what: str = "a trajectory", names: Sequence[str]
                 f" line{'' if not names else ', or name the file .csv if it is CSV'}."
             )
     return table
-
-
-def _cells(line: str, *, is_csv: bool) -> list[str]:
-    if not is_csv:
-        return line.partition("#")[0].split()
-    return [] if line.startswith("#") else [text.strip() for text in next(csv.reader([line], strict=True))]

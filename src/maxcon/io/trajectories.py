@@ -20,14 +20,10 @@ from maxcon.scan.trajectory import Trajectory, first_fault
 
 TUM_COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
 KITTI_COLUMNS = tuple(f"{part}{row}" for row in (1, 2, 3) for part in ("r1", "r2", "r3", "t"))
-"""The first three rows of a pose's matrix, 4 x 4."""
-MOST_ALONG_Z = 0.8
-"""Where more of the way than this lies along the sensor's own z axis, it is the optical axis of a camera."""
+MOST_ALONG_Z = 0.8  # where more of the way lies along the sensor's own z axis, it is the optical axis of a camera
 CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
 ROTATION_TOLERANCE = 1e-2
-COVARIANCE_COLUMNS = (
-    "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
-)  # fmt: skip
+COVARIANCE_COLUMNS = tuple(f"cov_{of}" for of in ("x_x", "x_y", "x_heading", "y_y", "y_heading", "heading_heading"))
 SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
 
 
@@ -49,14 +45,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
 
 
 def read_poses_of_scans(path: str | os.PathLike[str], times: NDArray[np.float64]) -> Trajectory:
-    """Return the poses in `path` of scans at `times`, shape (n,), s.
-
-    path: as of `read_trajectory`; or `.txt` or `.kitti` with 12 numbers per line, the first three rows of T_map_sensor:
-        a pose for each scan, in their order.
-
-    Errors as of `read_trajectory`; TrajectoryError also if there are not as many poses as scans, a matrix is no
-    rotation, or the poses are those of a camera.
-    """
+    """Return the poses in a file of scans at `times`, shape (n,), s: of `read_trajectory`, or KITTI's, one per scan."""
     file = Path(path)
     is_kitti = file.suffix.lower() == ".kitti"
     if file.suffix.lower() == ".txt":
@@ -93,11 +82,7 @@ def read_poses_of_scans(path: str | os.PathLike[str], times: NDArray[np.float64]
 
 
 def read_prior(path: str | os.PathLike[str]) -> RecordedPoses:
-    """Return the trajectory in `path` without the rows that are no poses: loggers end in the middle of a line.
-
-    Files and errors are those of `read_trajectory`; roll and pitch may be missing, and single rows are refused only
-    where most are no poses, or times do not increase.
-    """
+    """Return a trajectory without the rows that are no poses, as loggers end in the middle of a line."""
     return _read(Path(path), is_prior=True)
 
 
@@ -151,54 +136,39 @@ def _read_csv(file: Path, *, is_prior: bool) -> tuple[PoseTable, list[NDArray[np
             f"Expected a header with {','.join(CSV_COLUMNS)} (angles in rad, or as roll_deg,pitch_deg,heading_deg), got"
             f" no {missing[0]!r} in {','.join(table.names)[:80]!r}. {advice}"
         )
-    certainty = _certainty_columns(table)
     table.keep(table.texts("x"))
     values = table.numbers(needed)
     if len(needed) < len(CSV_COLUMNS):
         values = np.insert(values, [4, 4], 0.0, axis=1)
-    arrays = [values[:, 0], values[:, 1:4], quaternions_from_angles(*values[:, 4:].T)]
-    return table, [*arrays, _covariances(table, certainty)] if certainty else arrays
+    return table, [values[:, 0], values[:, 1:4], quaternions_from_angles(*values[:, 4:].T), *_covariances(table)]
 
 
-def _certainty_columns(table: PoseTable) -> tuple[str, ...]:
-    """The columns of a covariance, else those of three standard deviations, or none."""
-    given = [
-        kind for kind in (COVARIANCE_COLUMNS, SIGMA_COLUMNS) if any(table.name_of(name) is not None for name in kind)
-    ]
+def _covariances(table: PoseTable) -> list[NDArray[np.float64]]:
+    """Covariances of all rows, (n, 3, 3), NaN where all columns are empty; nothing where there are no such columns."""
+    given = [kind for kind in (COVARIANCE_COLUMNS, SIGMA_COLUMNS) if any(map(table.name_of, kind))]
     if not given:
-        return ()
-    missing = [name for name in given[0] if table.name_of(name) is None]
+        return []
+    missing = [name for name in given[0] if not table.name_of(name)]
     if missing:
         table.refuse(
             f"Expected either {','.join(COVARIANCE_COLUMNS)} (m^2, m rad, rad^2) or {','.join(SIGMA_COLUMNS)} (m, rad;"
             f" or sigma_heading_deg), got {'both' if len(given) == 2 else f'no {missing[0]!r}'}. Give all columns of"
             " one kind, or none."
         )
-    return given[0]
-
-
-def _covariances(table: PoseTable, names: tuple[str, ...]) -> NDArray[np.float64]:
-    """Covariances of all rows, shape (n, 3, 3); NaN where all columns are empty."""
-    values = table.numbers(names, may_be_empty=True)
+    values = table.numbers(given[0], may_be_empty=True)
     is_empty = np.isnan(values)
     for row in np.flatnonzero(is_empty.any(axis=1) & ~is_empty.all(axis=1)).tolist():
-        table.add_fault(row, f"Expected finite numbers as '{','.join(names)}', all of them or none, got ''.")
+        table.add_fault(row, f"Expected finite numbers as '{','.join(given[0])}', all of them or none, got ''.")
     covariances = np.zeros((len(values), 3, 3))
-    if names is SIGMA_COLUMNS:
-        with np.errstate(over="ignore"):
-            covariances[:, range(3), range(3)] = values**2
-        covariances[is_empty.all(axis=1)] = np.nan
-        return covariances
-    rows, others = np.triu_indices(3)
-    covariances[:, rows, others] = covariances[:, others, rows] = values
-    return covariances
+    rows, others = np.diag_indices(3) if given[0] is SIGMA_COLUMNS else np.triu_indices(3)
+    with np.errstate(over="ignore"):
+        covariances[:, rows, others] = covariances[:, others, rows] = values**2 if len(rows) == 3 else values
+    covariances[is_empty.all(axis=1)] = np.nan
+    return [covariances]
 
 
 def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, comment: str = "") -> None:
-    """Write `trajectory` as TUM text, with `comment` at the top; every number reads back as the same float64.
-
-    FileError if the file cannot be written; one that is there is replaced.
-    """
+    """Write `trajectory` as TUM text, with `comment` at the top; every number reads back as the same float64."""
     lines = [f"# {line}".rstrip() for line in comment.splitlines()] + ["# time_s x_m y_m z_m qx qy qz qw"]
     rows = zip(trajectory.times, trajectory.positions, trajectory.quaternions_xyzw, strict=True)
     lines += [" ".join(_numbers(time, position, quaternion)) for time, position, quaternion in rows]
@@ -206,11 +176,7 @@ def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, comment: str
 
 
 def write_csv(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
-    """Write `trajectory` as CSV: time, x, y, z, roll, pitch, heading in s, m, rad, and covariances if it has them.
-
-    Times and positions read back as the same float64. FileError if the file cannot be written; one that is there is
-    replaced.
-    """
+    """Write `trajectory` as CSV, with covariances if it has them; times and positions read back as the same float64."""
     covariances = trajectory.covariances
     lines = [",".join(CSV_COLUMNS if covariances is None else CSV_COLUMNS + COVARIANCE_COLUMNS)]
     for row, (time, angles) in enumerate(zip(trajectory.times, trajectory.angles, strict=True)):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon.errors import FileError
-from maxcon.io.clouds.ply import ORDERS, TYPES
+from maxcon.io.clouds.records import ORDERS, TYPES
 from read_clouds import POINTS, assert_all_there, read_cloud
 
 ENCODINGS = ORDERS | {"ascii": "="}

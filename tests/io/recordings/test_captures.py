@@ -8,8 +8,7 @@ from scipy.spatial import cKDTree
 
 from maxcon.errors import FileError
 from maxcon.io.recordings import clouds
-from maxcon.io.scans import open_scans
-from maxcon.io.scans.description import describe
+from maxcon.io.scans import describe, open_scans
 from recorded_drives import velodyne_points, write_capture
 
 pytest.importorskip("velodyne_decoder")

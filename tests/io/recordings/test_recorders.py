@@ -8,8 +8,7 @@ from scipy.spatial import cKDTree
 
 from maxcon.io.point_records import decode_points, records_of_message
 from maxcon.io.recordings.clouds import open_clouds
-from maxcon.io.scans import open_scans
-from maxcon.io.scans.folder import read_scan_file
+from maxcon.io.scans import open_scans, read_scan_file
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")

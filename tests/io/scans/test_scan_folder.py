@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from maxcon.errors import FileError, OptionError
-from maxcon.io.scans import folder as scan_folder
-from maxcon.io.scans import open_scans
-from maxcon.io.scans.description import describe
-from maxcon.io.scans.folder import read_scan_file
+from maxcon.io import scans as scan_folder
+from maxcon.io.scans import describe, open_scans, read_scan_file
 from written_las import write_las
 
 POINTS = np.array(

@@ -11,30 +11,22 @@ from maxcon.errors import FileError
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader
 from maxcon.io.clouds.e57 import E57Reader
 from maxcon.io.clouds.las import LasReader
-from maxcon.io.clouds.npz import NpzReader
 from maxcon.io.clouds.pcd import PcdReader
-from maxcon.io.clouds.ply import PlyReader
+from maxcon.io.clouds.records import NpzReader, PlyReader
 from maxcon.io.clouds.xyz import XyzReader
 from maxcon.io.text import reading
 
 __all__ = ["CLOUD_SUFFIXES", "Bounds", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
 
 _READERS: dict[str, Callable[[Path], CloudReader]] = {
-    **dict.fromkeys((".las", ".laz"), LasReader),
-    ".ply": PlyReader,
-    ".pcd": PcdReader,
-    ".npz": NpzReader,
-    ".e57": E57Reader,
-    **dict.fromkeys((".xyz", ".csv", ".txt"), XyzReader),
-}
+    ".las": LasReader, ".laz": LasReader, ".ply": PlyReader, ".pcd": PcdReader, ".npz": NpzReader, ".e57": E57Reader,
+    ".xyz": XyzReader, ".csv": XyzReader, ".txt": XyzReader,
+}  # fmt: skip
 CLOUD_SUFFIXES = tuple(_READERS)
 
 
 def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
-    """Return a reader of the point cloud in `path`; use it in a `with` block.
-
-    path: a file with suffix .las, .laz (also .copc.laz), .ply, .pcd, .npz, .e57, .xyz, .csv or .txt.
-    """
+    """Return a reader of the point cloud in a file, by its suffix (see `CLOUD_SUFFIXES`); use it in a `with` block."""
     file = Path(path)
     with reading(file, "a point-cloud file"):
         check_regular(file)

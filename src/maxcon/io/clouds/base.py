@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, MaxconError
 
-# Most bytes of a file's records that are held at a time: long records make shorter chunks.
-MAX_CHUNK_BYTES = 2**28
-# Below this a file may unpack to any multiple of its size.
-SMALL_BYTES = 2**24
+MAX_CHUNK_BYTES = 2**28  # of a file's records that are held at a time: long records make shorter chunks
+SMALL_BYTES = 2**24  # below this a file may unpack to any multiple of its size
 
 
 class Bounds(NamedTuple):
@@ -36,14 +34,12 @@ class CloudHeader:
     path: Path
     n_points: int
     crs: str | None = None  # coordinate reference system as WKT; None where the file names none that can be used
-    # has_normals, has_classes, has_times: which of these come with each chunk
-    has_normals: bool = False
+    has_normals: bool = False  # likewise classes and times: whether they come with each chunk
     has_classes: bool = False
     has_times: bool = False
     has_asprs_classes: bool = False  # whether classes are those of the ASPRS (LAS), not of any scheme
     crs_fault: str = ""  # what the file has instead of one, in words; empty where it names none at all
-    # What reads it, where it is no file that `open_cloud` reads; `n_points` is an estimate then
-    reader: "CloudReader | None" = None
+    reader: "CloudReader | None" = None  # of what is no file for `open_cloud`; `n_points` is an estimate then
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,23 +50,14 @@ class CloudChunk:
     normals: NDArray[np.float64] | None = None  # shape (k, 3), float64, or None; not checked to be unit vectors
     classes: NDArray[np.uint8] | None = None  # shape (k,), uint8, or None; classification codes, e.g. 2 for ground
     times: NDArray[np.float64] | None = None  # shape (k,), float64, or None; gps_time, s
-    # Shape (k,), bool, or None; points that the file marks as deleted (LAS)
-    is_withheld: NDArray[np.bool_] | None = None
+    is_withheld: NDArray[np.bool_] | None = None  # shape (k,), or None; marked as deleted by the file (LAS)
 
 
-def cloud_chunk(
-    points: NDArray[Any],
-    normals: NDArray[Any] | None = None,
-    classes: NDArray[Any] | None = None,
-    times: NDArray[Any] | None = None,
-) -> CloudChunk:
-    """Return points and what goes with them, of any types of numbers; ValueError if a class is none."""
-    return CloudChunk(
-        as_float64(points),
-        None if normals is None else as_float64(normals),
-        None if classes is None else _as_classes(classes),
-        None if times is None else as_float64(times),
-    )
+def cloud_chunk(**columns: NDArray[Any]) -> CloudChunk:
+    """Return points, and normals, classes, times if given, of any types of numbers; ValueError if a class is none."""
+    as_own = {"classes": _as_classes}
+    converted: dict[str, Any] = {name: as_own.get(name, as_float64)(values) for name, values in columns.items()}
+    return CloudChunk(**converted)
 
 
 class CloudReader(ABC):
@@ -86,11 +73,7 @@ class CloudReader(ABC):
         """Yield the points as `chunks` does, and hold the file open only in between."""
 
     def chunks(self, max_points: int = 1_000_000, bounds: Bounds | None = None) -> Iterator[CloudChunk]:
-        """Return an iterator over the points in order, never holding more than one chunk.
-
-        max_points: most points of one chunk; a million take about 100 MB while they are read.
-        bounds: parts of the file known to hold no points there are left out (COPC); others come as a whole.
-        """
+        """Return an iterator over the points in order, one chunk in memory; of COPC without parts outside of bounds."""
         self._running.append(self._read(max_points, bounds))
         return self._running[-1]
 
@@ -104,10 +87,7 @@ class CloudReader(ABC):
 
 @contextmanager
 def as_file_error(file: Path, kind: str) -> Iterator[None]:
-    """Turn whatever a parser raises on a broken file (also the panics of compiled ones) into FileError.
-
-    `kind` is what the file should be, e.g. "a LAS or LAZ file". Readers raise ValueError with what they found instead.
-    """
+    """Turn whatever a parser raises on a broken file (also the panics of compiled ones) into FileError."""
     try:
         yield
     except (MaxconError, KeyboardInterrupt, SystemExit, GeneratorExit):

@@ -20,11 +20,7 @@ INVALID = {CARTESIAN: "cartesianInvalidState", SPHERICAL: "sphericalInvalidState
 
 
 class E57Reader(CloudReader):
-    """Points of all scans, in the common frame of an E57 file.
-
-    Points that are marked invalid (`cartesianInvalidState`, `sphericalInvalidState`) have NaN for coordinates.
-    FileError if it is no E57 file, or holds no points; MissingExtraError if the extra `e57` is not installed.
-    """
+    """Points of all scans, in the common frame of an E57 file; NaN where marked invalid. Needs the extra `e57`."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: MIT
 """LAS and LAZ, read through laspy once header, CRS and chunk table are checked against the file.
 
-laspy waits for ever on some headers, and skips records that it cannot parse: a file with a damaged CRS would seem to
-name none.
+laspy waits for ever on some headers, and skips damaged records: a file would seem to name no CRS.
 """
 
 import math
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_file_error, rows_at_a_time
-from maxcon.io.clouds.laz import LazChunks, check_layers, copc_chunks_within, read_laz_chunks
+from maxcon.io.clouds.laz import LazChunks, bytes_at, check_layers, copc_chunks_within, read_laz_chunks
 from maxcon.io.crs import FileCrs, read_file_crs
 
 if TYPE_CHECKING:
@@ -25,25 +24,18 @@ if TYPE_CHECKING:
 
 KIND = "a LAS or LAZ file"
 HEADER_BYTES = 227  # of LAS 1.0 to 1.2; 1.4 has 375
-# Records between header and points; real files have kilobytes.
-MAX_RECORDS_BYTES = 2**28
+MAX_RECORDS_BYTES = 2**28  # of records between header and points; real files have kilobytes
 MAX_EVLRS = 10_000
 MAX_WKT_BYTES = 2**20
-RECORD_HEAD, EXTENDED_HEAD = struct.Struct("<2x16sHH32x"), struct.Struct("<2x16sHQ32x")
-"""User, number and length of records before and behind the points."""
+RECORD_HEAD, EXTENDED_HEAD = struct.Struct("<2x16sHH32x"), struct.Struct("<2x16sHQ32x")  # user, number, length
 CRS_USER, WKT, GEO_KEYS = b"LASF_Projection", 2112, 34735
 PROJECTED_KEY, GEODETIC_KEY = 3072, 2048
-# The parallel decompressor holds whole chunks (usually 50,000 points); larger ones are read in one thread.
-MAX_PARALLEL_CHUNK = 2_000_000
-# The decompressor's threads are of the process that loaded it: after a fork they are gone, and it would wait for them.
-PROCESS = os.getpid()
+MAX_PARALLEL_CHUNK = 2_000_000  # points; the parallel decompressor holds whole chunks (usually of 50,000)
+PROCESS = os.getpid()  # that has the decompressor's threads: after a fork they are gone, and it would wait for them
 
 
 class LasReader(CloudReader):
-    """Points, classes and gps_time of a LAS or LAZ file, LAS 1.0 to 1.4, all point formats.
-
-    FileError if it is not LAS or LAZ, says 0 points, or is shorter or longer than its header says.
-    """
+    """Points, classes and gps_time of a LAS or LAZ file, LAS 1.0 to 1.4, all point formats."""
 
     def __init__(self, file: Path) -> None:
         import laspy
@@ -59,24 +51,17 @@ class LasReader(CloudReader):
                     stream, layout.start, layout.record_length, layout.n_points, _laszip_record(header)
                 )
             crs = _read_crs(stream, layout)
-        self.header = CloudHeader(
-            path=file,
-            n_points=layout.n_points,
-            has_classes=True,
-            has_asprs_classes=True,
-            has_times="gps_time" in header.point_format.dimension_names,
-            **crs._asdict(),
-        )
+        has: dict[str, Any] = {"has_classes": True, "has_asprs_classes": True, **crs._asdict()}
+        has_times = "gps_time" in header.point_format.dimension_names
+        self.header = CloudHeader(file, layout.n_points, has_times=has_times, **has)
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         chunks = self._chunks
         n_most = rows_at_a_time(max_points, self._layout.record_length)
         # The decompressor of parts works in parallel, and on whole chunks.
         if bounds is not None and chunks is not None and os.getpid() == PROCESS and max(chunks.n_points) <= n_most:
-            with (
-                as_file_error(self.header.path, "a COPC file, to read a part of it"),
-                self.header.path.open("rb") as stream,
-            ):
+            file, what = self.header.path, "a COPC file, to read a part of it"
+            with as_file_error(file, what), file.open("rb") as stream:
                 is_wanted = copc_chunks_within(stream, chunks, bounds)
                 if is_wanted is not None:
                     numbers = np.flatnonzero(is_wanted).tolist()
@@ -84,13 +69,8 @@ class LasReader(CloudReader):
                     return
         yield from map(self._chunk, self.records(max_points, _needed()))
 
-    def records(
-        self, max_points: int = 1_000_000, selection: "laspy.DecompressionSelection | None" = None
-    ) -> Generator[Any]:
-        """Yield laspy's records of all points in order, at most `max_points` at a time, checked as in `chunks`.
-
-        `selection` are the fields of a LAZ file that are wanted; all if None.
-        """
+    def records(self, max_points: int = 1_000_000, selection: Any = None) -> Generator[Any]:
+        """Yield laspy's records of all points in order; of a LAZ file only the fields of a `selection`, if any."""
         import laspy
 
         file, n_left = self.header.path, self.header.n_points
@@ -101,12 +81,9 @@ class LasReader(CloudReader):
                 if max(self._chunks.n_points) > MAX_PARALLEL_CHUNK:
                     backend = laspy.LazBackend.Lazrs
             stream.seek(0)
+            wanted = selection or laspy.DecompressionSelection.all()
             reader = laspy.LasReader(
-                stream,
-                closefd=False,
-                laz_backend=backend,
-                read_evlrs=False,
-                decompression_selection=selection or laspy.DecompressionSelection.all(),
+                stream, closefd=False, laz_backend=backend, read_evlrs=False, decompression_selection=wanted
             )
             n_most = rows_at_a_time(max_points, self._layout.record_length)
             while n_left > 0:
@@ -116,9 +93,7 @@ class LasReader(CloudReader):
                 yield record
                 n_left -= len(record)
 
-    def _records_of_chunks(
-        self, stream: BinaryIO, chunks: LazChunks, numbers: list[int], n_most: int
-    ) -> Generator[Any]:
+    def _records_of_chunks(self, stream: BinaryIO, chunks: LazChunks, numbers: list[int], n_most: int) -> Iterator[Any]:
         """Yield laspy's records of some compressed chunks, as many at a time as have `n_most` points together."""
         import laspy
         import lazrs
@@ -130,7 +105,7 @@ class LasReader(CloudReader):
             n_run = max(1, int(np.searchsorted(np.cumsum([chunks.n_points[k] for k in numbers]), n_most, "right")))
             run, numbers = numbers[:n_run], numbers[n_run:]
             sizes = [(chunks.n_points[k], chunks.n_bytes[k]) for k in run]
-            compressed = b"".join(_bytes_at(stream, chunks.starts[k], chunks.n_bytes[k]) for k in run)
+            compressed = b"".join(bytes_at(stream, chunks.starts[k], chunks.n_bytes[k]) for k in run)
             unpacked = np.zeros(sum(n for n, _ in sizes) * self._layout.record_length, dtype=np.uint8)
             selection = _needed().to_lazrs()
             lazrs.decompress_points_with_chunk_table(compressed, _laszip_record(header), unpacked, sizes, selection)
@@ -166,13 +141,7 @@ def _laszip_record(header: "laspy.LasHeader") -> bytes:
     found = header.vlrs.get("LasZipVlr")
     if not found:
         raise ValueError("no LASzip record")
-    record: bytes = found[0].record_data
-    return record
-
-
-def _bytes_at(stream: BinaryIO, start: int, length: int) -> bytes:
-    stream.seek(start)
-    return stream.read(length)
+    return bytes(found[0].record_data)
 
 
 class _Layout(NamedTuple):
@@ -189,7 +158,7 @@ class _Layout(NamedTuple):
 def _read_layout(stream: BinaryIO) -> _Layout:
     """The layout of an open file; whether the points of a compressed one are there its table of chunks tells."""
     size = stream.seek(0, 2)
-    head = _bytes_at(stream, 0, 375).ljust(375, b"\0")
+    head = bytes_at(stream, 0, 375).ljust(375, b"\0")
     if size < HEADER_BYTES or head[:4] != b"LASF":
         raise ValueError(f"{size} bytes that begin with {head[: min(size, 4)]!r}, no LAS header")
     header_bytes, start, n_vlrs, kind, length, n_points = struct.unpack_from("<HIIBHI", head, 94)
@@ -216,7 +185,7 @@ def _read_layout(stream: BinaryIO) -> _Layout:
 
 def _read_crs(stream: BinaryIO, layout: _Layout) -> FileCrs:
     """The CRS of an open file; ValueError if its extended records are not there."""
-    at, _, n_records = struct.unpack("<HII", _bytes_at(stream, 94, 10))
+    at, _, n_records = struct.unpack("<HII", bytes_at(stream, 94, 10))
     extended = list(_records(stream, layout.evlr_start, layout.n_evlrs, EXTENDED_HEAD))
     if len(extended) < layout.n_evlrs:
         raise ValueError(f"the end of the file before the last of {layout.n_evlrs} extended records: truncated")
@@ -239,7 +208,7 @@ def _records(stream: BinaryIO, at: int, n_records: int, head: struct.Struct) -> 
     for _ in range(n_records):
         if at + head.size > size:
             return
-        user, number, length = head.unpack(_bytes_at(stream, at, head.size))
+        user, number, length = head.unpack(bytes_at(stream, at, head.size))
         at += head.size + length
         if at > size and head is EXTENDED_HEAD:  # of others what is there is looked at: it may be a damaged CRS
             return

@@ -3,8 +3,7 @@
 """The chunks of a LAZ file, and which of them a COPC file's octree says may have points in a rectangle.
 
 Both are checked against the bytes before anything is decompressed: the decompressor allocates what the file claims
-(measured: 3.7 GB for a file of 0.6 MB). A COPC file (Cloud Optimized Point Cloud 1.0) is a LAZ file whose every chunk
-is a node of an octree; nothing that the octree says is followed unless the table of chunks says the same.
+(measured: 3.7 GB for a file of 0.6 MB). Each chunk of a COPC file (Cloud Optimized Point Cloud 1.0) is a node.
 """
 
 import struct
@@ -17,15 +16,11 @@ from numpy.typing import NDArray
 
 from maxcon.io.clouds.base import Bounds, check_unpacked_size
 
-# Codes of the LASzip specification: pointwise chunked (formats 0-5) and layered chunked (6-10).
-POINTWISE, LAYERED = 2, 3
-# Layers of each kind of item: point, RGB, RGB and NIR, wave packet; extra bytes have one per byte.
-LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
+POINTWISE, LAYERED = 2, 3  # codes of the LASzip specification: chunks of formats 0-5, and of 6-10
+LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of each item: point, RGB, RGB and NIR, wave packet; extra bytes: one per byte
 EXTRA_BYTES = 14
-# Real clouds are compressed 5 to 20 times; a large file that claims more than this was made to exhaust memory.
-MAX_RATIO = 300
-# The first record of a COPC file lies at a fixed place: its head of 54 bytes, and what it says of the octree.
-HEADER_BYTES, RECORD_HEAD = 375, 54
+MAX_RATIO = 300  # real clouds are compressed 5 to 20 times; a large file that claims more was made to exhaust memory
+HEADER_BYTES, RECORD_HEAD = 375, 54  # behind these lies what a COPC file says of its octree
 OCTREE = struct.Struct("<5d2Q")
 ENTRY = np.dtype([("level", "<i4"), ("key", "<i4", 3), ("offset", "<u8"), ("n_bytes", "<i4"), ("n_points", "<i4")])
 DEEPEST = 30
@@ -46,6 +41,12 @@ class LazChunks(NamedTuple):
         return self.start + np.cumsum([0, *self.n_bytes[:-1]], dtype=np.int64)
 
 
+def bytes_at(stream: BinaryIO, start: int, length: int) -> bytes:
+    """Return so many bytes of a file from one on."""
+    stream.seek(start)
+    return stream.read(length)
+
+
 @contextmanager
 def laz_as_os_error() -> Iterator[None]:
     """Turn the compressor's own error for a full disk into OSError."""
@@ -58,12 +59,7 @@ def laz_as_os_error() -> Iterator[None]:
 
 
 def read_laz_chunks(stream: BinaryIO, start: int, record_length: int, n_points: int, laszip_record: bytes) -> LazChunks:
-    """Return the chunk table of an open file, checked; ValueError if it contradicts the LAS header or the bytes.
-
-    start, record_length, n_points: offset of the points, bytes of one that is not compressed, and how many there are,
-        as the LAS header says.
-    laszip_record: the LASzip record of the header.
-    """
+    """Return the chunk table of an open file; ValueError if it contradicts the LAS header or the bytes there."""
     import lazrs
 
     n_layers = _count_layers(laszip_record)
@@ -72,8 +68,7 @@ def read_laz_chunks(stream: BinaryIO, start: int, record_length: int, n_points: 
         raise ValueError(f"compressed points of {vlr.item_size()} bytes, not {record_length}")
     size = stream.seek(0, 2)
     table = _table_offset(stream, start, size)
-    stream.seek(table)
-    n_chunks = struct.unpack("<II", stream.read(8))[1]
+    n_chunks = struct.unpack("<II", bytes_at(stream, table, 8))[1]
     if n_chunks * record_length > size:  # each chunk begins with an uncompressed point
         raise ValueError(f"{n_chunks} compressed chunks in {size} bytes")
     stream.seek(start)
@@ -96,8 +91,7 @@ def check_layers(stream: BinaryIO, chunks: LazChunks, record_length: int) -> Non
     for number, (at, n_points, n_bytes) in enumerate(rows):
         if n_points == 0 or n_bytes == 0:
             continue
-        stream.seek(at + record_length)
-        needed = record_length + sizes.size + sum(sizes.unpack(stream.read(sizes.size)))
+        needed = record_length + sizes.size + sum(sizes.unpack(bytes_at(stream, at + record_length, sizes.size)))
         if needed > n_bytes:
             raise ValueError(f"layers of {needed} bytes in chunk {number} of {n_bytes}")
 
@@ -117,8 +111,7 @@ def _count_layers(laszip_record: bytes) -> int:
 def _table_offset(stream: BinaryIO, start: int, size: int) -> int:
     """Offset of the chunk table; writers that could not seek put it at the very end of the file."""
     for position in (start, size - 8):
-        stream.seek(position)
-        (table,) = struct.unpack("<q", stream.read(8))
+        (table,) = struct.unpack("<q", bytes_at(stream, position, 8))
         if start + 8 <= table <= size - 8:
             return int(table)
         if table != -1:
@@ -128,8 +121,7 @@ def _table_offset(stream: BinaryIO, start: int, size: int) -> int:
 
 def copc_chunks_within(stream: BinaryIO, chunks: LazChunks, bounds: Bounds) -> NDArray[np.bool_] | None:
     """Return whether each chunk may have points in a rectangle, shape (n_chunks,); None for a file that is no COPC."""
-    stream.seek(HEADER_BYTES)
-    record = stream.read(RECORD_HEAD + OCTREE.size)
+    record = bytes_at(stream, HEADER_BYTES, RECORD_HEAD + OCTREE.size)
     if len(record) < RECORD_HEAD + OCTREE.size or record[2:20] != b"copc".ljust(16, b"\0") + b"\x01\x00":
         return None
     x, y, _, half, _, start, n_bytes = OCTREE.unpack_from(record, RECORD_HEAD)
@@ -157,8 +149,7 @@ def _octree_entries(stream: BinaryIO, start: int, n_bytes: int) -> NDArray[np.vo
         # Pages do not overlap: together they are no longer than the file.
         if length < 0 or length % ENTRY.itemsize or at + length > size or seen > size:
             raise ValueError(f"a page of its octree of {length} bytes at byte {at} of {size}")
-        stream.seek(at)
-        entries = np.frombuffer(stream.read(length), dtype=ENTRY)
+        entries = np.frombuffer(bytes_at(stream, at, length), dtype=ENTRY)
         if ((entries["level"] < 0) | (entries["level"] > DEEPEST)).any():
             raise ValueError(f"an octree of more than {DEEPEST} levels")
         found.append(entries)

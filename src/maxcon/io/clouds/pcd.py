@@ -24,13 +24,7 @@ KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPO
 
 
 class PcdReader(RecordReader):
-    """Points of a PCD file of a map; with normals, classes and times where it has such fields.
-
-    Normals are normal_x, normal_y, normal_z; classes `classification`, `class` or `label`; times, of the trajectory's
-    clock, `gps_time`, `time` or `timestamp`. A compressed file, of at most 4 GiB by its format, is in memory as a
-    whole while it is read, others by pieces. FileError if the header is
-    broken or does not fit the file; MissingExtraError if points are compressed and the extra `pcd` is not installed.
-    """
+    """Points of a PCD file of a map; a compressed one is in memory while it is read, and needs the extra `pcd`."""
 
     kind = "a PCD file of points"
     normal_names = ("normal_x", "normal_y", "normal_z")
@@ -52,13 +46,12 @@ class PcdReader(RecordReader):
 
     def _pieces(self, n_most: int) -> Iterator[Mapping[str, NDArray[Any]]]:
         if self._layout.encoding != "binary_compressed":
-            yield from super()._pieces(n_most)
-            return
+            return super()._pieces(n_most)
         with as_file_error(self.header.path, self.kind), self.header.path.open("rb") as stream:
             stream.seek(self._layout.start)
             columns = self._unpacked(stream)
-        for start in range(0, self._layout.n_points, n_most):
-            yield {name: values[start : start + n_most] for name, values in columns.items()}
+        starts = range(0, self._layout.n_points, n_most)
+        return ({name: values[k : k + n_most] for name, values in columns.items()} for k in starts)
 
     def _unpacked(self, stream: BinaryIO) -> dict[str, NDArray[Any]]:
         """All points of a compressed file, in columns by the names of their fields."""

@@ -7,7 +7,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,8 @@ NAMES = {
     "x": ("x", "easting", "east"),
     "y": ("y", "northing", "north"),
     "z": ("z", "height", "elevation"),
-    "class": ("classification", "class", "label", "scalar_classification"),
-    "time": ("gps_time", "gpstime", "time", "scalar_gpstime"),
+    "classes": ("classification", "class", "label", "scalar_classification"),
+    "times": ("gps_time", "gpstime", "time", "scalar_gpstime"),
 }
 SEPARATORS = (",", ";", "\t")
 COMMENTS = ("#", "//")
@@ -40,13 +40,7 @@ class _Layout(NamedTuple):
 
 
 class XyzReader(CloudReader):
-    """Points of a text file; with classes and times where a header names such columns.
-
-    Columns are apart by commas, semicolons, tabs or blanks. A header names them x, y, z (or easting, northing,
-    height), classification, gps_time; without one the first three are x, y, z. A first line with the number of points
-    is passed over, and so are lines that begin with # or //, unless they are the header. FileError if it is no such
-    file, or holds no points.
-    """
+    """Points of a text file; with classes and times where a header names them; without one x, y, z come first."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()
@@ -57,25 +51,22 @@ class XyzReader(CloudReader):
         with _opened(file) as lines:
             n_points = sum(1 for _ in _rows(lines, self._layout))
         columns = self._layout.columns
-        self.header = CloudHeader(file, n_points, has_classes="class" in columns, has_times="time" in columns)
+        self.header = CloudHeader(file, n_points, has_classes="classes" in columns, has_times="times" in columns)
 
     def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         with _opened(self.header.path) as lines:
             rows, layout = _rows(lines, self._layout), self._layout
             while some := list(islice(rows, min(max_points, MAX_LINES))):
                 values = table_of(some, layout.n_columns, layout.separator)
-                named = {name: values[:, column] for name, column in layout.columns.items()}
-                points = values[:, [layout.columns[name] for name in "xyz"]]
-                yield cloud_chunk(points, classes=named.get("class"), times=named.get("time"))
+                named = {name: values[:, column] for name, column in layout.columns.items() if name not in "xyz"}
+                yield cloud_chunk(points=values[:, [layout.columns[name] for name in "xyz"]], **named)
 
 
 @contextmanager
 def _opened(file: Path) -> Iterator[Iterator[tuple[int, str]]]:
     """Yield the lines of a file that are not empty, and their numbers among these; a byte order mark is left out."""
-    with (
-        as_file_error(file, KIND),
-        io.TextIOWrapper(open_regular(file), encoding="utf-8-sig", errors="replace", newline="\n") as stream,
-    ):
+    how: Any = {"encoding": "utf-8-sig", "errors": "replace", "newline": "\n"}
+    with as_file_error(file, KIND), io.TextIOWrapper(open_regular(file), **how) as stream:
         yield enumerate(map(str.strip, text_lines(stream)))
 
 

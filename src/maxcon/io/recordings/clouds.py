@@ -1,34 +1,37 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Where the clouds of a scanner come from: a topic of a recording, or a capture (.pcap) of a Velodyne's packets."""
+"""Scans of a recording: clouds of a topic, or of a capture (.pcap) of a Velodyne's packets, in order of time."""
 
 from __future__ import annotations
 
 import io
 import os
+import threading
+import weakref
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system import Progress
 from maxcon.errors import FileError, needs_extra
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.point_records import CloudPoints, decode_points, decode_times, records_of_message
-from maxcon.io.point_times import PointTimes
+from maxcon.io.raw_scan import RawScan, Scans, scan_within
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
 from maxcon.io.recordings.recording import Message, Recording, Topic, choose_topic, decode_message, frame_of, stamp_of
 from maxcon.io.text import printable
 
 T = TypeVar("T")
 CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan"
-PACKET_BYTES, POSITION_BYTES = 1206, (512, 554)
-"""Bytes of a Velodyne's data packets, and of those with the position of its GNSS receiver."""
+PACKET_BYTES, POSITION_BYTES = 1206, (512, 554)  # of a Velodyne's data, and of its GNSS receiver's position
 LOOKED_AT = 2000  # UDP packets that are read to find out whether they are a Velodyne's
 HEADER_BYTES = 24  # of a capture file
 
@@ -38,20 +41,16 @@ class RecordedCloud:
     """One cloud of a recording, decoded when it is asked for its content."""
 
     label: str  # file and topic, for messages
-    # recorded, stamp: when it was recorded, and the time of its message, ns
-    recorded: int
-    stamp: int
+    recorded: int  # ns
+    stamp: int  # time of its message, ns
     records: NDArray[np.void] | FileError  # its points as stored, or why they cannot be read
 
     def points(self) -> CloudPoints:
         """Return its returns; FileError if it is broken."""
-        return self._decoded(decode_points)
+        return self.decoded(decode_points)
 
-    def times(self) -> PointTimes:
-        """Return the times of its returns; FileError if it is broken."""
-        return self._decoded(decode_times)
-
-    def _decoded(self, decode: Callable[[NDArray[np.void], int], T]) -> T:
+    def decoded(self, decode: Callable[[NDArray[np.void], int], T]) -> T:
+        """Return what is made of its points and its time; FileError if it is broken."""
         if isinstance(self.records, FileError):
             raise self.records
         with as_file_error(Path(self.label), "a point cloud"):
@@ -59,11 +58,7 @@ class RecordedCloud:
 
 
 def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> CloudSource:
-    """Return the clouds of a recording or capture; none is read yet.
-
-    FileError if there is no recording, it is broken, it has no clouds, or several and none is asked for;
-    MissingExtraError if an extra is not installed.
-    """
+    """Return the clouds of a recording or capture; none is read yet."""
     if Path(path).suffix.lower() == CAPTURE_SUFFIX and topic is None:
         return VelodyneCapture(existing_file(path))
     recording = open_recording(path)
@@ -81,17 +76,14 @@ def topic_of_clouds(recording: Recording, name: str | None) -> Topic:
 
 
 class TopicOfClouds:
-    """The clouds of one topic.
+    """The clouds of one topic."""
 
-    n_passed_over: clouds to read on up to a later one, rather than to read from that one's time on.
-    """
-
-    n_passed_over = 10
+    n_passed_over = 10  # clouds to read on up to a later one, rather than to read from that one's time on
 
     def __init__(self, recording: Recording, topic: Topic) -> None:
         self.path, self.label, self._topic = recording.path, printable(topic.name), topic
         self.notes, self.n_clouds = recording.notes, topic.n_messages
-        self._recording = recording
+        self._recording, self.close = recording, recording.close
 
     def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
         """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`."""
@@ -105,10 +97,6 @@ class TopicOfClouds:
             with suppress(FileError), as_file_error(self.path, "a message of a cloud"):
                 return frame_of(decode_message(message))
         return ""
-
-    def close(self) -> None:
-        """Close the recording."""
-        self._recording.close()
 
 
 def _cloud(message: Message, label: str) -> RecordedCloud:
@@ -125,20 +113,11 @@ def _cloud(message: Message, label: str) -> RecordedCloud:
         return RecordedCloud(label, message.recorded, stamp, error)
 
 
-class _Turn(NamedTuple):
-    """One turn in a capture: when its last packet was captured, ns, and the bytes of the file that hold its packets."""
-
-    captured: int
-    begin: int
-    end: int
-
-
 class VelodyneCapture:
-    """The packets of one Velodyne scanner, as `TopicOfClouds`; each cloud is one turn.
+    """The packets of one Velodyne scanner, as `TopicOfClouds`; each cloud is one turn, found by the first pass.
 
-    The first pass through the file finds where the packets of each turn are; later ones read only the turns they want.
     Times are those at which packets were captured: the scanner's own clock counts from the full hour, and is set only
-    where a GNSS receiver is connected. FileError if it is no capture, or one of other packets.
+    where a GNSS receiver is connected.
     """
 
     n_passed_over = 1
@@ -146,7 +125,7 @@ class VelodyneCapture:
 
     def __init__(self, path: Path) -> None:
         self.path, self.label = path, path.name
-        self._turns: list[_Turn] = []
+        self._turns: list[tuple[int, int, int]] = []  # when the last packet was captured, ns; begin and end in the file
         seen = Counter(islice(_datagrams(path), LOOKED_AT))
         if not any(n_bytes == PACKET_BYTES for _, n_bytes in seen):
             listed = ", ".join(f"{n} of {size} bytes to port {port}" for (port, size), n in seen.most_common(3))
@@ -166,7 +145,7 @@ class VelodyneCapture:
 
     def _found(self, stream: Any) -> Iterator[tuple[int, Any]]:
         """Decode all packets one after the other, and note where each turn is."""
-        turns: list[_Turn] = []
+        turns: list[tuple[int, int, int]] = []
         self._config = self._package.Config()
         self._config.model, self._config.calibration = self._package.hdl64e.detect_hdl64e(stream)
         stream.seek(0)
@@ -179,13 +158,13 @@ class VelodyneCapture:
             turn = decoder.decode(time, data, True)
             if turn is not None:
                 # After a gap the packet that ended a turn is the first of the next one, which is later.
-                turns.append(_Turn(_captured(turn), begin, end if turn[0].host == float(time) else packet))
-                begin = turns[-1].end
-                yield turns[-1].captured, turn[1]
+                turns.append((_captured(turn), begin, end if turn[0].host == float(time) else packet))
+                begin = turns[-1][2]
+                yield turns[-1][0], turn[1]
         turn = decoder.finish(True)
         if turn is not None:
-            turns.append(_Turn(_captured(turn), begin, end))
-            yield turns[-1].captured, turn[1]
+            turns.append((_captured(turn), begin, end))
+            yield turns[-1][0], turn[1]
         if not turns:
             raise FileError(f"Expected a turn of a Velodyne scanner in {self.path}, got none. Was it recorded whole?")
         self._turns = turns
@@ -193,12 +172,12 @@ class VelodyneCapture:
     def _known(self, stream: Any, start: int) -> Iterator[tuple[int, Any]]:
         """Decode the turns captured at `start` or later, each from its own packets."""
         header = stream.read(HEADER_BYTES)
-        for turn in self._turns:
-            if turn.captured >= start:
-                stream.seek(turn.begin)
-                own = io.BytesIO(header + stream.read(turn.end - turn.begin))
+        for captured, begin, end in self._turns:
+            if captured >= start:
+                stream.seek(begin)
+                own = io.BytesIO(header + stream.read(end - begin))
                 packets = [(t, data) for t, data in self._package.util.iter_pcap(own) if len(data) == PACKET_BYTES]
-                yield turn.captured, _decoded(self._package, packets, self._config)[1]
+                yield captured, _decoded(self._package, packets, self._config)[1]
 
     def close(self) -> None:
         """Do nothing: a capture is open only while it is read."""
@@ -255,3 +234,90 @@ def _decoder_package(path: Path | None) -> Any:
     with needs_extra("velodyne-decoder", f"to read {path or 'packets of a Velodyne'}", "velodyne"):
         import velodyne_decoder
     return velodyne_decoder
+
+
+class RecordedScans(Scans):
+    """The scans of a recording; their times are found by one pass through it, when they are first asked for."""
+
+    def __init__(self, source: CloudSource, *, at_stamp: bool = False) -> None:
+        self.source = source
+        self.at_stamp = at_stamp
+        self._progress: Progress | None = None
+        self._running: Iterator[tuple[int, RecordedCloud]] | None = None
+        self._start, self._next = 0, 0
+        self._lock = threading.Lock()  # epochs may be localized by several threads
+        self._close = weakref.finalize(self, source.close)
+
+    def find_times(self, progress: Progress | None = None) -> None:
+        """Find the times of all scans now, with progress; otherwise that is done when they are first needed."""
+        self._progress = progress
+        _ = self._index
+
+    @cached_property
+    def _index(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], dict[str, int]]:
+        """When each cloud was recorded, ns; times of scans, and which clouds they are; clouds by `PointTimes.kind`."""
+        recorded, times = [], []
+        kinds: Counter[str] = Counter()
+        for cloud in self.source.clouds():
+            recorded.append(cloud.recorded)
+            offset = 0.0
+            try:
+                found = cloud.decoded(decode_times)
+            except FileError:
+                kinds["not readable"] += 1
+            else:
+                kinds[found.kind] += 1
+                offset = 0.0 if self.at_stamp else found.middle
+            times.append(cloud.stamp / 1e9 + offset)
+            if self._progress is not None:
+                self._progress("finding times", len(times), max(self.source.n_clouds, len(times)))
+        if not times:
+            raise FileError(f"Expected clouds in {self.source.path}, got none. Was it recorded whole?")
+        return np.array(recorded), *np.unique(np.array(times), return_index=True), dict(kinds)
+
+    @cached_property
+    def times(self) -> NDArray[np.float64]:  # type: ignore[override]
+        """Times of the scans, shape (n,), s, strictly increasing."""
+        return self._index[1]
+
+    @property
+    def words(self) -> str:
+        """Which clouds these are, and how their times were understood, in a line."""
+        recorded, _, rows, found = self._index
+        kinds = "; ".join(kind if len(found) == 1 else f"{kind} ({count})" for kind, count in found.items())
+        n_repeated = len(recorded) - len(rows)
+        repeated = f"; {n_repeated} left out, as another has the same time" * bool(n_repeated)
+        notes = "".join(f"; {note}" for note in self.source.notes)
+        return f"scans from {self.source.label}, times of points: {kinds}{repeated}{notes}"
+
+    def name(self, i: int) -> str:
+        """Return the topic of scan number `i`, and which of its clouds it is."""
+        return f"{self.source.label}#{self._index[2][i]}"
+
+    def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
+        """Return scan number `i`; fast where they are read one after the other."""
+        with self._lock:
+            cloud = self._cloud(int(self._index[2][i]))
+        time = float(self.times[i])
+        return scan_within(cloud.points(), cloud.stamp / 1e9, time, self.name(i), min_range, max_range)
+
+    def close(self) -> None:
+        """Close the recording; it is closed as well when these scans are no longer used."""
+        self._running = None
+        self._close()
+
+    def _cloud(self, row: int) -> RecordedCloud:
+        """The cloud of a row of the index: the next ones are read up to it, or the recording from its time on."""
+        recorded = self._index[0]
+        n_ahead = row - self._next
+        running, self._running = self._running, None  # after an error it is begun anew
+        if running is None or not 0 <= n_ahead < self.source.n_passed_over or recorded[row] < self._start:
+            self._start = int(recorded[row])
+            # Clouds recorded earlier are left out of what is read, wherever they stand.
+            rows = np.flatnonzero(recorded >= self._start).tolist()
+            running = zip(rows, self.source.clouds(self._start), strict=False)
+        for number, cloud in running:
+            if number == row and cloud.recorded == recorded[row]:
+                self._running, self._next = running, number + 1
+                return cloud
+        raise FileError(f"Expected {self.source.path} as it was when it was opened, got fewer clouds. Open it anew.")

@@ -45,10 +45,7 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
-    """Open a .bag (ROS 1), a .mcap, a .db3, or the folder of a ROS 2 bag; its index is read, no message.
-
-    FileError if there is none, or it is broken; MissingExtraError if the extra `recordings` is not installed.
-    """
+    """Open a .bag (ROS 1), a .mcap, a .db3, or the folder of a ROS 2 bag; its index is read, no message."""
     place = Path(path)
     suffix = place.suffix.lower()
     if os.path.lexists(place) and (suffix == CAPTURE_SUFFIX or not is_recording(place)):
@@ -58,48 +55,39 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
         )
     if os.path.isdir(place):  # noqa: PTH112
         files = in_natural_order([file for file in place.glob("*.mcap") if file.is_file()])
-        return _McapFiles(place, files) if files else _Bag(place, is_ros1=False)
+        return _open_mcap(place, files) if files else _open_bag(place, is_ros1=False)
     file = existing_file(place)
-    return _McapFiles(file, [file]) if suffix == ".mcap" else _Bag(file, is_ros1=suffix == ".bag")
+    return _open_mcap(file, [file]) if suffix == ".mcap" else _open_bag(file, is_ros1=suffix == ".bag")
 
 
-class _Bag(Recording):
-    """A .bag of ROS 1; or a folder of ROS 2 with .db3 files and their metadata.yaml, or one .db3 file."""
+def _open_bag(path: Path, *, is_ros1: bool) -> Recording:
+    """Open a .bag of ROS 1; or a folder of ROS 2 with .db3 files and their metadata.yaml, or one .db3 file."""
+    kind, encoding = ("a ROS 1 bag", "ros1") if is_ros1 else ("a ROS 2 bag", "cdr")
+    counts: Counter[tuple[str, str]] = Counter()  # a topic has a connection for each of its publishers
+    with as_file_error(path, kind):
+        with needs_extra("rosbags", f"to read {path}", "recordings"):
+            if is_ros1:
+                import lz4.frame  # for the chunks
+                from rosbags.rosbag1 import Reader
+            else:
+                from rosbags.rosbag2 import Reader  # type: ignore[assignment]
+        reader: Any = Reader(path)
+        reader.open()
+        for connection in reader.connections:
+            counts[connection.topic, connection.msgtype] += connection.msgcount
+    if is_ros1:  # rosbags does not bound what a chunk unpacks to
+        bounded = {bz2.decompress: bz2.BZ2Decompressor, lz4.frame.decompress: lz4.frame.LZ4FrameDecompressor}
+        for position, chunk in list(reader.chunks.items()):
+            if chunk.decompressor in bounded:
+                unpack = partial(_bounded, bounded[chunk.decompressor])
+                reader.chunks[position] = chunk._replace(decompressor=unpack)
 
-    def __init__(self, path: Path, *, is_ros1: bool) -> None:
-        super().__init__(path)
-        self.kind, self._encoding = ("a ROS 1 bag", "ros1") if is_ros1 else ("a ROS 2 bag", "cdr")
-        with as_file_error(path, self.kind):
-            with needs_extra("rosbags", f"to read {path}", "recordings"):
-                if is_ros1:
-                    import lz4.frame  # for the chunks
-                    from rosbags.rosbag1 import Reader
-                else:
-                    from rosbags.rosbag2 import Reader  # type: ignore[assignment]
-            self._reader: Any = Reader(path)
-            self._reader.open()
-            counts: Counter[tuple[str, str]] = Counter()  # a topic has a connection for each of its publishers
-            for connection in self._reader.connections:
-                counts[connection.topic, connection.msgtype] += connection.msgcount
-            self.topics = _topics_of(counts)
-        if is_ros1:
-            # rosbags does not bound what a chunk unpacks to.
-            bounded = {bz2.decompress: bz2.BZ2Decompressor, lz4.frame.decompress: lz4.frame.LZ4FrameDecompressor}
-            for position, chunk in list(self._reader.chunks.items()):
-                if chunk.decompressor in bounded:
-                    unpack = partial(_bounded, bounded[chunk.decompressor])
-                    self._reader.chunks[position] = chunk._replace(decompressor=unpack)
+    def read(topics: Collection[str], start: int) -> Iterator[Message]:
+        if wanted := [connection for connection in reader.connections if connection.topic in topics]:
+            for connection, recorded, data in reader.messages(connections=wanted, start=start or None):
+                yield Message(connection.topic, connection.msgtype, encoding, recorded, data)
 
-    def _read(self, topics: Collection[str], start: int) -> Iterator[Message]:
-        wanted = [connection for connection in self._reader.connections if connection.topic in topics]
-        if not wanted:
-            return
-        for connection, recorded, data in self._reader.messages(connections=wanted, start=start or None):
-            yield Message(connection.topic, connection.msgtype, self._encoding, recorded, data)
-
-    def close(self) -> None:
-        """Close the files."""
-        self._reader.close()
+    return Recording(path, kind, _topics_of(counts), read, reader.close)
 
 
 def _topics_of(counts: Counter[tuple[str, str]]) -> tuple[Topic, ...]:
@@ -114,33 +102,25 @@ def _bounded(decompressor: Callable[[], Any], packed: bytes) -> bytes:
     return data
 
 
-class _McapFiles(Recording):
-    """One MCAP file, or the several of a bag (whose folder is `path`) in the order of time."""
+def _open_mcap(path: Path, names: Sequence[Path]) -> Recording:
+    """Open one MCAP file, or the several of a bag (whose folder is `path`) in the order of time."""
+    with needs_extra("mcap", f"to read {path}", "recordings"):
+        import mcap.records  # noqa: F401
+    kind, files, counts = "an MCAP file", list[_McapFile](), Counter[tuple[str, str]]()
+    for name in names:
+        with as_file_error(name, kind):
+            file = _McapFile(name)
+            for channel, count in file.counts.items():
+                counts[file.channels[channel].topic, file.type_of(channel)] += count
+            files.append(file)
+    cut_off = [file.path.name for file in files if not file.is_closed]
+    notes = tuple(f"{name} was not closed by its recorder: what is whole in it is read" for name in cut_off)
 
-    kind = "an MCAP file"
-
-    def __init__(self, path: Path, files: Sequence[Path]) -> None:
-        super().__init__(path)
-        with needs_extra("mcap", f"to read {path}", "recordings"):
-            import mcap.records  # noqa: F401
-        counts: Counter[tuple[str, str]] = Counter()
-        self._files: list[_McapFile] = []
-        for name in files:
-            with as_file_error(name, self.kind):
-                file = _McapFile(name)
-                for channel, count in file.counts.items():
-                    counts[file.channels[channel].topic, file.type_of(channel)] += count
-                self._files.append(file)
-        self.topics = _topics_of(counts)
-        self.notes = tuple(
-            f"{file.path.name} was not closed by its recorder: what is whole in it is read"
-            for file in self._files
-            if not file.is_closed
-        )
-
-    def _read(self, topics: Collection[str], start: int) -> Iterator[Message]:
-        for file in self._files:
+    def read(topics: Collection[str], start: int) -> Iterator[Message]:
+        for file in files:
             yield from file.messages(topics, start)
+
+    return Recording(path, kind, _topics_of(counts), read, notes=notes)
 
 
 class _McapFile:
@@ -174,9 +154,8 @@ class _McapFile:
         with _BoundedFile(self.path) as stream:
             for record in self._of_chunks(stream, start) if self._chunks else self._from_beginning(stream):
                 if record.channel_id in wanted and record.log_time >= start:
-                    channel = wanted[record.channel_id]
-                    encoding = channel.message_encoding
-                    yield Message(channel.topic, types[channel.id], encoding, record.log_time, record.data)
+                    of, kind = wanted[record.channel_id], types[record.channel_id]
+                    yield Message(of.topic, kind, of.message_encoding, record.log_time, record.data)
 
     def _read_summary(self, stream: BinaryIO) -> bool:
         """Take what the end of the file says of its content; False where it says nothing, or not enough."""

@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,6 @@ POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     "geometry_msgs/msg/PoseStamped": lambda content: (content.pose, np.zeros(36)),
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda content: (content.pose.pose, content.pose.covariance),
 }
-"""Kinds of messages that hold a pose, and where in them it is, with its covariance."""
 X_Y_HEADING = (0, 1, 5)  # rows of x, y and the turn about z in a covariance of ROS
 VEHICLE = "base_link"  # frame of a vehicle, by the convention of ROS: x forward
 
@@ -59,7 +58,7 @@ def read_recorded_poses(
     """
     with open_recording(path) as recording:
         if frames is not None:
-            trajectory, words = TransformTree.read(recording).trajectory(*frames)
+            trajectory, words = TransformTree(recording).trajectory(*frames)
             words = f"poses from /tf ({printable(words)})"
             poses = RecordedPoses(trajectory, words, position_frame=frames[1], orientation_frame=frames[1])
         else:
@@ -76,7 +75,7 @@ def _of_sensor(recording: Recording, poses: RecordedPoses, sensor_frame: str) ->
     """The scanner's poses, where static transforms tell how it is mounted; else the same."""
     if not (sensor_frame and poses.position_frame and poses.orientation_frame):
         return poses
-    tree = TransformTree.read(recording, is_static_only=True)
+    tree = TransformTree(recording, is_static_only=True)
     turned = tree.static_pose(poses.orientation_frame, sensor_frame)
     antenna = tree.static_pose(poses.orientation_frame, poses.position_frame)
     if turned is None or antenna is None:
@@ -99,7 +98,7 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
     kinds, preferred = (tuple(POSES), ODOMETRY) if is_odometry else ((FIX, *POSES), FIX)
 
     def advice() -> str:
-        frames = TransformTree.read(recording).frames if recording.of_type(*TRANSFORMS) else ()
+        frames = TransformTree(recording).frames if recording.of_type(*TRANSFORMS) else ()
         listed = printable(", ".join(frames[:12]))
         of_frames = f" Or choose two of the frames {listed}: {option}-frames FIXED:MOVING." if frames else ""
         return f"Give a file: {option}.{of_frames}"
@@ -107,17 +106,10 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
     return choose_topic(recording, name, kinds, preferred, "poses", f"{option}-topic", advice)
 
 
-class _Rows(NamedTuple):
-    """What the messages of a topic say, by time: (n,) and (n, k); how many say nothing; frames, the last one last."""
-
-    times: NDArray[np.float64]
-    values: NDArray[np.float64]
-    n_left_out: int
-    frames: list[str]
-
-
-def _rows(recording: Recording, topic: Topic, what: str, row_of: Callable[[Any], list[float] | None]) -> _Rows:
-    """Read a topic; `row_of` a message are its numbers, None if it says nothing. The first of a time counts."""
+def _rows(
+    recording: Recording, topic: Topic, what: str, row_of: Callable[[Any], list[float] | None]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int, list[str]]:
+    """Times (n,) and numbers (n, k) of messages, the first of a time; how many have none; frames, the last one last."""
     rows: dict[float, list[float]] = {}
     n_left_out, frames = 0, [""]
     for _, time, content in contents(recording, [topic], what):
@@ -128,7 +120,7 @@ def _rows(recording: Recording, topic: Topic, what: str, row_of: Callable[[Any],
         else:
             rows.setdefault(time, row)
     times = sorted(rows)
-    return _Rows(np.array(times), np.array([rows[time] for time in times]), n_left_out, frames)
+    return np.array(times), np.array([rows[time] for time in times]), n_left_out, frames
 
 
 def _of_fixes(

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Recording: topics and messages of a bag or MCAP file, read and written by the standard definitions of ROS."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -55,34 +54,25 @@ class Message:
     data: bytes
 
 
-class Recording(ABC):
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
     """An open recording. Opening reads its index; iterating holds one chunk of it at a time."""
 
-    kind: str
+    path: Path
+    kind: str  # in words
     topics: tuple[Topic, ...]
+    read: Callable[[Collection[str], int], Iterator[Message]]
+    close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    @abstractmethod
-    def _read(self, topics: Collection[str], start: int) -> Iterator[Message]:
-        """Yield the messages of some topics recorded at `start` (ns) or later."""
-
     def messages(self, topics: Collection[str], start: int = 0) -> Iterator[Message]:
-        """Yield the messages of some topics recorded at `start` (ns) or later, one in memory at a time.
-
-        They come by time of recording where the file allows; which come after which does not depend on `start`.
-        """
+        """Yield the messages of some topics recorded at `start` (ns) or later; by time where the file allows."""
         with as_file_error(self.path, self.kind):
-            yield from self._read(topics, start)
+            yield from self.read(topics, start)
 
     def of_type(self, *types: str) -> list[Topic]:
         """Return the topics of some types that have messages."""
         return [topic for topic in self.topics if topic.type in types and topic.n_messages]
-
-    def close(self) -> None:  # noqa: B027  (MCAP files are open only while they are read)
-        """Close the files."""
 
     def __enter__(self) -> Self:
         return self
@@ -92,25 +82,14 @@ class Recording(ABC):
 
 
 def choose_topic(
-    recording: Recording,
-    name: str | None,
-    kinds: Sequence[str],
-    preferred: str,
-    what: str,
-    option: str,
+    recording: Recording, name: str | None, kinds: Sequence[str], preferred: str, what: str, option: str,
     otherwise: Callable[[], str],
-) -> Topic:
-    """Return the topic asked for, or the only one of some kinds, or of several the only one of the preferred kind.
-
-    OptionError if the one asked for is not there or of another kind, FileError if there is none, or several.
-
-    what, option, otherwise: for messages: what is wanted, the option that names a topic, and what to do without any.
-    """
+) -> Topic:  # fmt: skip
+    """Return the topic asked for, or the only one of some kinds, or of several the only one of the preferred kind."""
     found = recording.of_type(*kinds)
     if name is not None:
-        for topic in found:
-            if topic.name == name:
-                return topic
+        if named := [topic for topic in found if topic.name == name]:
+            return named[0]
         got = next((printable(topic.type) for topic in recording.topics if topic.name == name), "no such topic")
         raise OptionError(
             f"Expected {what} in the topic {name} of {recording.path}, got {got}. Ask for {_listed(found) or 'none'}."
@@ -138,15 +117,9 @@ def _listed(topics: Sequence[Topic]) -> str:
 @cache
 def message_types(encoding: str) -> Any:
     """Return rosbags' store of types of ROS 1 (encoding ros1) or ROS 2 (cdr), whose headers differ."""
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    return with_added_types(get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE))
-
-
-def with_added_types(store: Any) -> Any:
-    """Return a store of types, with those of `ADDED` that it lacks."""
-    from rosbags.typesys import get_types_from_msg
-
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
     for name, text in ADDED.items():
         if name not in store.types:
             store.register(get_types_from_msg(text, name))
@@ -165,10 +138,11 @@ def decode_message(message: Message) -> Any:
     )
 
 
-def encode_message(kind: str, content: dict[str, Any]) -> bytes:
-    """Return the bytes (cdr) of a message of ROS 2 from nested values; fields that are not given are 0."""
-    store = message_types("cdr")
-    return bytes(store.serialize_cdr(_built(store, kind, content), kind))
+def encode_message(kind: str, content: dict[str, Any], encoding: str = "cdr") -> bytes:
+    """Return the bytes of a message from nested values; fields that are not given are 0."""
+    store = message_types(encoding)
+    serialize = store.serialize_ros1 if encoding == "ros1" else store.serialize_cdr
+    return bytes(serialize(_built(store, kind, content), kind))
 
 
 def frame_name(text: str) -> str:
@@ -219,33 +193,28 @@ def write_recording(path: Path, kind: RecordingKind, entries: Iterable[Entry]) -
     """Write messages as a recording, which appears at its path once it is complete; an old file there is replaced."""
     check_writers()
     from rosbags import rosbag1, rosbag2
-    from rosbags.typesys import Stores, get_typestore
 
     with atomic_file(path) as partial:
         if kind is RecordingKind.ROS1:
-            store = with_added_types(get_typestore(Stores.ROS1_NOETIC))
             with rosbag1.Writer(partial) as bag:
-                write_bag(bag, store, store.serialize_ros1, entries)
+                write_bag(bag, entries, "ros1")
             return
-        store, folder = get_typestore(Stores.ROS2_HUMBLE), partial.with_name("ros2")
+        folder = partial.with_name("ros2")
         of_ros2 = rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
         of_ros2.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
         with of_ros2:
-            write_bag(of_ros2, store, store.serialize_cdr, entries)
+            write_bag(of_ros2, entries)
         (folder / "ros2.mcap").replace(partial)
 
 
-def write_bag(bag: Any, store: Any, serialize: Callable[[Any, str], Any], entries: Iterable[Entry]) -> None:
-    """Write messages into a bag opened by rosbags; `serialize` is the method of the store of types that encodes.
-
-    The header of a message is that of a sensor at its time, unless it has one.
-    """
+def write_bag(bag: Any, entries: Iterable[Entry], encoding: str = "cdr") -> None:
+    """Write messages into a bag of rosbags; those without a header get that of a sensor."""
     connections: dict[str, Any] = {}
     for entry in entries:
         if entry.topic not in connections:
-            connections[entry.topic] = bag.add_connection(entry.topic, entry.type, typestore=store)
-        content = _built(store, entry.type, {"header": header_of(entry.time, "sensor"), **entry.content})
-        bag.write(connections[entry.topic], round(entry.time * 1e9), serialize(content, entry.type))
+            connections[entry.topic] = bag.add_connection(entry.topic, entry.type, typestore=message_types(encoding))
+        content = {"header": header_of(entry.time, "sensor"), **entry.content}
+        bag.write(connections[entry.topic], round(entry.time * 1e9), encode_message(entry.type, content, encoding))
 
 
 def _built(store: Any, kind: str, values: dict[str, Any]) -> Any:
@@ -274,13 +243,8 @@ def cloud_content(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
     """Return a sensor_msgs/PointCloud2 without a header, of one row; fields by their names, all float32."""
     rows = np.stack(list(columns.values()), axis=1).astype("<f4")
     step = 4 * len(columns)
+    fields = [dict(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate(columns)]
     return {
-        "height": 1,
-        "width": len(rows),
-        "fields": [dict(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate(columns)],
-        "is_bigendian": False,
-        "point_step": step,
-        "row_step": step * len(rows),
-        "data": rows.ravel().view(np.uint8),
-        "is_dense": True,
-    }
+        "height": 1, "width": len(rows), "fields": fields, "is_bigendian": False, "point_step": step,
+        "row_step": step * len(rows), "data": rows.ravel().view(np.uint8), "is_dense": True,
+    }  # fmt: skip

@@ -8,7 +8,7 @@ from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,9 +48,7 @@ def parse_frames(text: str, option: str) -> tuple[str, str]:
     """Return the two frames of "map:base_link"; OptionError if these are not two names."""
     frames = tuple(frame_name(part) for part in text.split(":"))
     if len(frames) != 2 or not all(frames):
-        raise OptionError(
-            f"Expected {option} as FIXED:MOVING, the names of two frames, got {text!r}. For instance map:base_link."
-        )
+        raise OptionError(f"Expected {option} as FIXED:MOVING, two frames, got {text!r}. For instance map:base_link.")
     return frames[0], frames[1]
 
 
@@ -58,6 +56,7 @@ def parse_frames(text: str, option: str) -> tuple[str, str]:
 class _Link:
     """Transforms from a frame to its parent: rows of time, x, y, z, qx, qy, qz, qw."""
 
+    child: str
     parent: str
     is_static: bool
     rows: array[float] = field(default_factory=lambda: array("d"))
@@ -68,36 +67,25 @@ class _Link:
         return values[-1:] if self.is_static else values[np.unique(values[:, 0], return_index=True)[1]]
 
 
-class _Step(NamedTuple):
-    """One link of a path between two frames, passed from parent to child (`is_down`) or from child to parent."""
-
-    child: str
-    link: _Link
-    is_down: bool
+_Path = list[tuple[_Link, bool]]  # links between two frames, passed from parent to child (`is_down`), or upwards
 
 
 class TransformTree:
     """All transforms of a recording: the links of each frame to its parents, by its name."""
 
-    def __init__(self, path: Path, links: dict[str, list[_Link]]) -> None:
-        self.path, self._links = path, links
-
-    @classmethod
-    def read(cls, recording: Recording, *, is_static_only: bool = False) -> TransformTree:
-        """Return the transforms of a recording, or the static ones only; FileError if a message is broken."""
+    def __init__(self, recording: Recording, *, is_static_only: bool = False) -> None:
         links: dict[str, dict[str, _Link]] = {}
         topics = [t for t in recording.of_type(*TRANSFORMS) if not is_static_only or t.name.endswith(STATIC)]
         for topic, time, content in contents(recording, topics, "messages of transforms"):
             is_static = topic.endswith(STATIC)
             child, parent = frame_name(content.child_frame_id), frame_of(content)
-            link = links.setdefault(child, {}).setdefault(parent, _Link(parent, is_static))
-            # A link on both topics moves: its static transform is taken for the first of its poses.
-            link.is_static &= is_static
+            link = links.setdefault(child, {}).setdefault(parent, _Link(child, parent, is_static))
+            link.is_static &= is_static  # on both topics it moves: its static transform counts as a pose
             row = [time, *numbers_of(content.transform.translation, content.transform.rotation)]
             if np.isfinite(row).all() and abs(np.linalg.norm(row[4:]) - 1.0) < 0.01:
                 link.rows.extend(row)
         known = {child: [link for link in several.values() if link.rows] for child, several in links.items() if child}
-        return cls(recording.path, {child: several for child, several in known.items() if several})
+        self.path, self._links = recording.path, {child: several for child, several in known.items() if several}
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -106,16 +94,10 @@ class TransformTree:
         return tuple(sorted(parents | set(self._links)))
 
     def trajectory(self, fixed: str, moving: str) -> tuple[Trajectory, str]:
-        """Return T_fixed_moving over time, and the path between the two frames in words.
-
-        Its poses are at the times of all moving links together, as far as all of them reach; between two transforms
-        positions are linear, and turns take the shortest arc. An error of the package if a frame is not there, the two
-        are not connected, a frame between them has several parents, nothing between them moves, or only at different
-        times.
-        """
+        """Return T_fixed_moving at the times of all moving links, as far as all reach; and the path between both."""
         steps = self._path(fixed, moving)
-        moved = [step.link.table() for step in steps if not step.link.is_static]
-        words = " -> ".join([fixed, *(step.child if step.is_down else step.link.parent for step in steps)])
+        moved = [link.table() for link, _ in steps if not link.is_static]
+        words = " -> ".join([fixed, *(link.child if is_down else link.parent for link, is_down in steps)])
         if not moved:
             raise FileError(
                 f"Expected frames of {self.path} that move, to take poses from /tf, got {printable(words)}, which is"
@@ -138,12 +120,12 @@ class TransformTree:
             steps = self._path(fixed, moving)
         except (FileError, OptionError):
             return None
-        if not all(step.link.is_static for step in steps):
+        if not all(link.is_static for link, _ in steps):
             return None
         positions, turns = _composed(steps, np.zeros(1))
         return Pose.from_rotation(positions[0], turns.as_matrix()[0])
 
-    def _path(self, fixed: str, moving: str) -> list[_Step]:
+    def _path(self, fixed: str, moving: str) -> _Path:
         """The links from one frame to another: up to their first common ancestor, and down."""
         frames = self.frames
         for frame in (fixed, moving):
@@ -157,9 +139,8 @@ class TransformTree:
                 f"Expected transforms of {self.path} between {printable(fixed)} and {printable(moving)}, got none."
                 " Choose other frames."
             )
-        rising = [_Step(child, self._only(child), is_down=False) for child in up[: up.index(shared)]]
-        falling = [_Step(child, self._only(child), is_down=True) for child in down[: down.index(shared)]]
-        return rising + falling[::-1]
+        rising = [(self._only(child), False) for child in up[: up.index(shared)]]
+        return rising + [(self._only(child), True) for child in down[: down.index(shared)]][::-1]
 
     def _ancestors(self, frame: str) -> list[str]:
         """The frame, its parent, and so on; ends where frames come again."""
@@ -191,15 +172,15 @@ def _common_times(tables: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     return times
 
 
-def _composed(steps: Sequence[_Step], times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
+def _composed(steps: _Path, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
     """Positions and rotations of the end of a path at some times."""
     from scipy.spatial.transform import Rotation
 
     positions, turns = np.zeros((len(times), 3)), Rotation.identity(len(times))
-    for step in steps:
-        table = step.link.table()
+    for link, is_down in steps:
+        table = link.table()
         own, turn = interpolate_poses(table[:, 0], table[:, 1:4], table[:, 4:], times)
-        if not step.is_down:
+        if not is_down:
             turn = turn.inv()
             own = -turn.apply(own)
         positions, turns = positions + turns.apply(own), turns * turn

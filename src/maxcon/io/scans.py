@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""ScanFolder: scans with one file per epoch, of any format, and the times of these, from a file or from their names."""
+"""Scans of a drive: a folder with one file per epoch, or a recording, the time of each, and what is in them."""
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,33 +19,29 @@ from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
 from maxcon.io.clouds.pcd import PcdReader
-from maxcon.io.point_records import CloudPoints, are_returns, times_and_rings, words_of
-from maxcon.io.point_times import PointTimes, find_point_times
-from maxcon.io.raw_scan import RawScan, Scans, scan_within
+from maxcon.io.point_records import CloudPoints, PointTimes, are_returns, find_point_times, times_and_rings, words_of
+from maxcon.io.raw_scan import RawScan, Scans, check_range, scan_within
+from maxcon.io.recordings import clouds as recorded
+from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording, open_recording
+from maxcon.io.recordings.recording import Topic
 from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float, reading
+from maxcon.scan import Scan
 
-# The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
-# over a gigabyte (about 200 bytes a point) to localize.
-MAX_SCAN_POINTS = 5_000_000
+__all__ = ["RawScan", "ScanFolder", "Scans", "check_range", "describe", "open_scan_folder", "open_scans"]
+
+MAX_SCAN_POINTS = 5_000_000  # more is a map in the wrong place, and would take over a gigabyte to localize
 LEAST, MOST = 1e-9, 1e9  # m; float64 read as float32 has many numbers beyond
-BLOCK, N_BLOCKS = 12, 400
-"""Floats that are whole points of three and of four numbers, and how many such blocks are compared."""
+BLOCK, N_BLOCKS = 12, 400  # floats that are whole points of three and of four numbers, and how many are compared
 LEAST_DIFFERENCE = 0.1
-"""Between the distributions of x, y, z and reflectance in a file that is read with the right count of numbers. On 149
-real scans it is 0.41 to 1.0, and at most 0.02 with a wrong count: every column then holds x, y and z in turn."""
-# Unix times since 2001: digits of an integer name, and how many of its units make a second.
-UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}
+"""Between the distributions of columns: on 149 real scans 0.41 to 1.0, with a wrong count of numbers at most 0.02."""
+UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}  # of Unix times since 2001 as names: how many make a second
 ADVICE = "Write a times.txt with one time in seconds per scan, in the order of the names."
+N_SCANS = 10  # scans of each scanner that are read for it
+FARTHEST_MEDIAN = 500.0  # m; no scanner of vehicles sees half of its points farther away
 
 
 def read_scan_file(file: Path, stamp: int = 0) -> CloudPoints:
-    """Return the returns of a scan file; points that are there twice are kept.
-
-    stamp: time of the scan, ns, which times of points are compared with; only PCD files have such.
-
-    FileError if it is empty, truncated or broken, or has more than 5 million points; MissingExtraError if it is a PCD
-    file and the extra `pcd` is not installed.
-    """
+    """Return the returns of a scan file; points that are there twice are kept; stamp: time of the scan, ns."""
     times, fields = PointTimes(None, "", ""), ""
     columns: dict[str, NDArray[Any]] = {}
     with reading(file, "a scan"):
@@ -76,9 +76,7 @@ def _read_floats(file: Path) -> tuple[NDArray[np.float64], str]:
     values = np.fromfile(file, dtype="<f4")
     sizes = np.abs(values[np.isfinite(values)])
     if np.count_nonzero((sizes > MOST) | ((sizes > 0.0) & (sizes < LEAST))) > 0.1 * values.size:
-        raise FileError(
-            f"Expected float32 x, y, z, reflectance in {file}, got others. Are they float64? Write float32."
-        )
+        raise FileError(f"Expected float32 x, y, z, reflectance in {file}, got others. Is it float64? Write float32.")
     if n_bytes and n_bytes % 12 == 0 and _are_triples(values):
         return as_float64(values.reshape(-1, 3)), "x float32, y float32, z float32"
     if n_bytes == 0 or n_bytes % 16:
@@ -128,12 +126,9 @@ class ScanFolder(Scans):
 
 
 def open_scans(
-    path: str | os.PathLike[str],
-    times: str | os.PathLike[str] | None = None,
-    *,
-    topic: str | None = None,
+    path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None, *, topic: str | None = None,
     at_stamp: bool = False,
-) -> Scans:
+) -> Scans:  # fmt: skip
     """Return the scans in a folder, a recording, or the one scan in a file; none is read yet.
 
     - path: A folder of scans of one kind: .bin (float32 x, y, z, and reflectance as KITTI has it), .pcd, .ply, .npz,
@@ -149,10 +144,6 @@ def open_scans(
     has no cloud, or several and none is asked for; MissingExtraError if it is a recording, and the extra `recordings`
     is not installed; OptionError if times are given for a recording, or a topic for a folder.
     """
-    from maxcon.io.recordings.clouds import open_clouds
-    from maxcon.io.recordings.opening import is_recording
-    from maxcon.io.recordings.recorded_scans import RecordedScans
-
     if not is_recording(path):
         if topic is not None or at_stamp:
             raise OptionError(
@@ -161,10 +152,8 @@ def open_scans(
             )
         return open_scan_folder(path, times)
     if times is not None:
-        raise OptionError(
-            f"Expected no times beside the recording {os.fspath(path)}: its messages have their own. Leave them out."
-        )
-    return RecordedScans(open_clouds(path, topic), at_stamp=at_stamp)
+        raise OptionError(f"Expected no times beside the recording {os.fspath(path)}: it has its own. Leave them out.")
+    return recorded.RecordedScans(recorded.open_clouds(path, topic), at_stamp=at_stamp)
 
 
 def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None) -> ScanFolder:
@@ -173,9 +162,8 @@ def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str]
     with reading(root, "a folder of scans"):
         root.stat()
         there = sorted(root.iterdir()) if root.is_dir() else [root]
-        found = [
-            p for p in there if p.suffix.lower() in SCAN_SUFFIXES and not p.name.startswith(".") and not p.is_dir()
-        ]
+        files = [path for path in there if not path.name.startswith(".") and not path.is_dir()]
+    found = [path for path in files if path.suffix.lower() in SCAN_SUFFIXES]
     suffixes = sorted({p.suffix.lower() for p in found})
     if len(suffixes) != 1:
         raise FileError(
@@ -226,3 +214,75 @@ def _times_from_names(paths: tuple[Path, ...]) -> NDArray[np.float64]:
             f" {second.name}. {ADVICE}"
         )
     return times
+
+
+class RecordingDescription(NamedTuple):
+    """Topics and notes of a recording (none for folders of scans), and a table of words for each of its scanners."""
+
+    topics: tuple[Topic, ...]
+    notes: tuple[str, ...]
+    scanners: tuple[dict[str, str], ...]
+
+
+def describe(path: str | os.PathLike[str], topic: str | None = None) -> RecordingDescription:
+    """Describe scans or a recording, all topics with clouds or one; of each scanner the first ten scans are read."""
+    if not is_recording(path):
+        scans = open_scan_folder(path)
+        reads = ((float(time), partial(scans.cloud, i)) for i, time in enumerate(scans.times))
+        return RecordingDescription((), (), (_described(str(path), len(scans), reads),))
+    if Path(path).suffix.lower() == CAPTURE_SUFFIX:
+        with closing(recorded.open_clouds(path)) as source:
+            n_turns = sum(1 for _ in source.clouds())
+            scanner = _described(source.label, n_turns, _reads(source))
+        return RecordingDescription(recorded.topics_of_capture(Path(path)), (), (scanner,))
+    with open_recording(path) as recording:
+        with_clouds = recording.of_type(recorded.CLOUD, recorded.VELODYNE)
+        chosen = with_clouds if topic is None else [recorded.topic_of_clouds(recording, topic)]
+        sources = [(each, recorded.TopicOfClouds(recording, each)) for each in chosen]
+        scanners = [_described(each.name, each.n_messages, _reads(source)) for each, source in sources]
+        return RecordingDescription(recording.topics, recording.notes, tuple(scanners))
+
+
+def _reads(source: recorded.CloudSource) -> Iterator[tuple[float, Callable[[], CloudPoints]]]:
+    return ((cloud.stamp * 1e-9, cloud.points) for cloud in source.clouds())
+
+
+def _described(source: str, n_scans: int, reads: Iterator[tuple[float, Callable[[], CloudPoints]]]) -> dict[str, str]:
+    """What the first scans say that can be read; of each its time, s, and what reads it."""
+    clouds: list[CloudPoints] = []
+    times: list[float] = []
+    problems: list[str] = []
+    for time, read in islice(reads, N_SCANS):
+        try:
+            clouds.append(read())
+            times.append(time)
+        except FileError as error:
+            problems.append(str(error))
+    times.sort()
+    rate = f", {(len(times) - 1) / (times[-1] - times[0]):.2f} a second" if times and times[-1] > times[0] else ""
+    n_seen = len(clouds) + len(problems)
+    n_points, n_invalid, n_duplicates = map(sum, zip((0, 0, 0), *(cloud[3:6] for cloud in clouds), strict=True))
+    rings = np.unique(np.concatenate([np.empty(0, np.int64), *(c.rings for c in clouds if c.rings is not None)]))
+    words = {
+        "scans": f"{source}: {n_scans:,} scans{rate}; of the first {n_seen}:",
+        "fields": (clouds[0].fields if clouds else "") or "x, y, z",
+        "times": (clouds[0].times.words if clouds else "") or "the points of these files have no times",
+        "rings": f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
+        "points": f"{n_points / max(n_seen, 1):,.0f} a scan; {100.0 * n_invalid / max(n_points, 1):.1f} % no returns,"
+        f" {100.0 * n_duplicates / max(n_points, 1):.1f} % come twice",
+    }
+    full = [cloud.points for cloud in clouds if len(cloud.points)]
+    if full:
+        points = np.concatenate(full)
+        ranges = np.linalg.norm(points, axis=1)
+        median = float(np.median(ranges))
+        unit = ": are these millimetres?" if median > FARTHEST_MEDIAN else ""
+        words["range"] = f"{ranges.min():.2f} to {ranges.max():.1f} m, median {median:.1f} m{unit}"
+        extents = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
+        words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"
+        first = ranges[: len(full[0])]
+        near = full[0][(first >= 1.0) & (first <= 120.0)]
+        if len(near):
+            percent = 100.0 * float(Scan(near).normals.any(axis=1).mean())
+            words["normals"] = f"{percent:.0f} % of the points of the first scan have one"
+    return words | ({"problem": problems[0]} if problems else {})

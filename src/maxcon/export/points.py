@@ -1,28 +1,37 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""LAZ or PLY of a map, a point per voxel and per height of its ground: for CloudCompare, QGIS and the like."""
+"""Points for CloudCompare, QGIS and the like: scans of a drive placed in the map, and a map, as LAZ, LAS or PLY."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from maxcon._system import Progress
 from maxcon._system.atomic import atomic_file
-from maxcon.errors import OptionError
-from maxcon.export.placed_scans import las_writer
+from maxcon.errors import OptionError, TrajectoryError
+from maxcon.export.pose_rows import PoseRow
 from maxcon.geometry import LocalFrame
+from maxcon.io.clouds.laz import laz_as_os_error
+from maxcon.io.crs import metric_crs
+from maxcon.io.raw_scan import nearest_in_time
+from maxcon.io.scans import Scans
 from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import Manifest, read_manifest
 from maxcon.map.storage import open_storage
 from maxcon.map.store import stored_ground, stored_tiles
 from maxcon.map.tile import VoxelTile
 
+SCAN_SUFFIXES = (".laz", ".las")  # of scans placed in the map
+RESOLUTION = 0.001  # of the stored coordinates, m
+SAME_TIME = 1e-3
+MAX_SOURCES = 2**16
 MAP_SUFFIXES = (".laz", ".las", ".ply")
-UNCLASSIFIED, GROUND_CLASS = 1, 2
-"""ASPRS classes of voxels and of the ground: a map does not keep the classes of its clouds."""
+UNCLASSIFIED, GROUND_CLASS = 1, 2  # ASPRS classes of voxels and of the ground: a map does not keep those of clouds
 POINT = np.dtype([
     ("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4"), ("count", "<i4"),
     ("class", "u1"), ("change", "u1"),
@@ -30,17 +39,66 @@ POINT = np.dtype([
 _PLY_TYPES = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
 
 
+def write_placed_scans(
+    path: Path, rows: Sequence[PoseRow], scans: Scans, crs: str | None, min_range: float, max_range: float
+) -> int:
+    """Write the points of all localized epochs in the map's frame, one epoch in memory; return how many they are."""
+    epochs = [(row, scan_of_row(row, scans), row.pose) for row in rows if row.pose is not None]
+    n_points = 0
+    with las_writer(path, epochs[0][2].position, crs) as write:
+        for row, epoch, pose in epochs:
+            raw = scans.read(epoch, min_range, max_range)
+            times = row.time + (np.zeros(len(raw.points)) if raw.point_times is None else raw.point_times)
+            write(pose.apply(raw.points), gps_time=times, point_source_id=epoch % MAX_SOURCES)
+            n_points += len(raw.points)
+    return n_points
+
+
+@contextmanager
+def las_writer(
+    path: Path, origin: ArrayLike, crs: str | None, extra: Sequence[tuple[str, Any]] = ()
+) -> Iterator[Callable[..., None]]:
+    """Yield what writes places (n, 3), m, and their fields, also extra ones, into a LAZ or LAS 1.4, point format 6."""
+    import laspy
+    import pyproj
+
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.offsets = np.full(3, RESOLUTION), np.floor(origin)
+    header.add_extra_dims([laspy.ExtraBytesParams(name, kind) for name, kind in extra])
+    if crs is not None:
+        header.add_crs(pyproj.CRS.from_user_input(metric_crs(crs)))
+
+    def write(places: NDArray[np.float64], **fields: Any) -> None:
+        record = laspy.ScaleAwarePointRecord.zeros(len(places), header=header)
+        record.x, record.y, record.z = places.T
+        for name, values in {"return_number": 1, "number_of_returns": 1, **fields}.items():
+            record[name][:] = values
+        writer.write_points(record)
+
+    with (
+        atomic_file(path) as partial,
+        partial.open("wb") as stream,
+        laz_as_os_error(),
+        laspy.open(stream, "w", header=header, do_compress=path.suffix.lower() == ".laz", closefd=False) as writer,
+    ):
+        yield write
+
+
+def scan_of_row(row: PoseRow, scans: Scans) -> int:
+    """Return the number of the scan at the time of a row; TrajectoryError if there is none."""
+    number = int(nearest_in_time(scans.times, np.array([row.time]))[0])
+    if abs(float(scans.times[number]) - row.time) > SAME_TIME:
+        raise TrajectoryError(
+            f"Expected a scan of the epoch at {row.time:.3f} s, got the nearest at {scans.times[number]:.3f} s. Name"
+            " the scans that the table was made of."
+        )
+    return number
+
+
 def export_map(
     map_: str | os.PathLike[str], out: str | os.PathLike[str], *, progress: Progress | None = None
 ) -> tuple[int, int]:
-    """Write a map as points in its CRS; return how many voxels and how many heights of the ground there are.
-
-    map_: folder or address. out: .laz, .las (1.4, point format 6, with normals, counts and changes as extra dimensions)
-    or .ply (binary). One tile is in memory at a time. An OptionError if the suffix is another.
-
-    A voxel has the mean, the mean normal (zeros where there is none) and the number of its map points; `change` is 0
-    (known), 1 (gone) or 2 (new) by map updates. A height of the ground stands in the middle of its cell, with count 0.
-    """
+    """Write a map as points in its CRS, .laz, .las or .ply (docs/exports.md); return how many voxels and heights."""
     path = Path(out)
     if path.suffix.lower() not in MAP_SUFFIXES:
         raise OptionError(f"Expected a file of points with suffix {', '.join(MAP_SUFFIXES)}, got {path}. Rename it.")
