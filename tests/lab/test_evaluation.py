@@ -13,7 +13,6 @@ from maxcon.lab.evaluation import (
     PROMISED,
     PROMISED_PLANE,
     Coverage,
-    MeanSquare,
     PoseError,
     ProtectionCounts,
     Quantiles,
@@ -120,7 +119,6 @@ def test_errors_are_counted_within_their_own_sigmas():
     assert (found.n_epochs, found.n_within) == (4, (1, 2, 3))
     assert found.shares == (0.25, 0.5, 0.75)
     assert found.rms == pytest.approx(math.sqrt((1.0 + 1.5**2 + 2.5**2 + 81.0) / 4.0))
-    assert found.median == pytest.approx(2.0)
     assert all(low < share < high for share, (low, high) in zip(found.shares, found.intervals, strict=True))
 
 
@@ -138,23 +136,13 @@ def test_errors_as_predicted_are_within_as_promised():
 
 def test_no_epoch_says_nothing():
     found = Coverage.of([np.nan], [1.0])
-    assert found.n_epochs == 0 and np.isnan([*found.shares, found.rms, found.median]).all()
+    assert found.n_epochs == 0 and np.isnan([*found.shares, found.rms]).all()
     assert found.intervals == ((0.0, 1.0),) * 3
-    assert np.isnan(MeanSquare.of([np.nan]).mean)
     assert clopper_pearson(0, 0) == (0.0, 1.0) and upper_bound(0, 0) == 1.0
     counts = ProtectionCounts.of([], [])
     assert (counts.n_used, counts.exceeded_bound) == (0, 1.0)
     curve = RiskCoverage.of([False], [False], [False], [np.nan])
     assert (curve.n_epochs, len(curve.rates), curve.n_trusted) == (1, 0, 0)
-
-
-def test_mean_squares_as_predicted_lie_between_the_limits():
-    generator = np.random.default_rng(3)
-    squares = (generator.standard_normal((1_000, 40, 2)) ** 2).sum(axis=2)
-    found = [MeanSquare.of(drive) for drive in squares]
-    inside = np.mean([one.low <= one.mean <= one.high for one in found])
-    assert inside == pytest.approx(0.95, abs=0.02)
-    assert np.mean([one.median for one in found]) == pytest.approx(1.0, abs=0.03)
 
 
 # --- the Stanford diagram ---------------------------------------------------------------------------------------

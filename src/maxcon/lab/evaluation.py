@@ -50,11 +50,7 @@ def pose_error(pose: Pose, reference: Pose) -> PoseError:
 
 @dataclass(frozen=True, slots=True)
 class Quantiles:
-    """Quantiles of absolute errors, in the unit of the errors; all NaN where there is no error.
-
-    median, p95, p99: the error that 50, 95 and 99 % of the epochs do not exceed, interpolated linearly. Of fewer than
-        100 epochs, `p99` is nearly the worst.
-    """
+    """The error that 50, 95, 99 and 100 % of the epochs do not exceed, in its unit; all NaN where there is none."""
 
     median: float
     p95: float
@@ -75,11 +71,7 @@ CONFIDENCE = 0.95
 
 
 def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the ends, 0 to 1, of Clopper and Pearson's interval of the rate of an event; (0, 1) without epochs.
-
-    At least as often as `confidence` (0 to 1) it holds the true rate, if epochs are independent (Clopper and Pearson,
-    1934).
-    """
+    """Return the ends, 0 to 1, of Clopper and Pearson's interval of a rate, if epochs are independent; or (0, 1)."""
     if n_epochs == 0:
         return 0.0, 1.0
     from scipy.stats import binomtest
@@ -89,11 +81,7 @@ def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE)
 
 
 def upper_bound(n_found: int, n_epochs: int) -> float:
-    """Return the one-sided upper limit, 0 to 1, of the rate of an event found in `n_found` of `n_epochs`.
-
-    With 95 % about 3 / n_epochs where it was never found: the upper end of `clopper_pearson`, with 5 % beyond it and
-    not half of that.
-    """
+    """Return the one-sided upper limit, with 95 % confidence, of a rate, 0 to 1: of 0 in n epochs about 3 / n."""
     return clopper_pearson(n_found, n_epochs, 2.0 * CONFIDENCE - 1.0)[1]
 
 
@@ -116,8 +104,6 @@ class Coverage:
     n_epochs: int  # how many errors have a predicted sigma
     n_within: tuple[int, ...]  # of these, how many are at most 1, 2 and 3 sigma
     rms: float  # of errors over sigmas: 1 where the sigmas hold; one gross error makes it large. NaN without errors.
-    # Of absolute errors over sigmas: 0.67 where the sigmas hold, 1.18 for the length of two errors together
-    median: float
 
     @classmethod
     def of(cls, errors: ArrayLike, sigmas: ArrayLike) -> "Coverage":
@@ -125,9 +111,9 @@ class Coverage:
         ratios = np.abs(np.asarray(errors, np.float64)) / np.asarray(sigmas, np.float64)
         ratios = ratios[np.isfinite(ratios)]
         if len(ratios) == 0:
-            return cls(0, (0,) * len(SIGMAS), math.nan, math.nan)
+            return cls(0, (0,) * len(SIGMAS), math.nan)
         n_within = tuple(int((ratios <= k).sum()) for k in SIGMAS)
-        return cls(len(ratios), n_within, float(np.sqrt((ratios**2).mean())), float(np.median(ratios)))
+        return cls(len(ratios), n_within, float(np.sqrt((ratios**2).mean())))
 
     @property
     def shares(self) -> tuple[float, ...]:
@@ -138,37 +124,6 @@ class Coverage:
     def intervals(self) -> tuple[tuple[float, float], ...]:
         """Ends of the 95 % interval of each fraction (`clopper_pearson`)."""
         return tuple(clopper_pearson(n, self.n_epochs) for n in self.n_within)
-
-
-@dataclass(frozen=True, slots=True)
-class MeanSquare:
-    """Normalized squared errors of x and y (NEES, e' P^-1 e) over a drive, halved: 1 where the covariances P hold.
-
-    n_epochs: how many epochs have a NEES.
-    mean: of NEES / 2: above 1 where errors are larger than predicted; one gross error makes it large.
-    median: of NEES over the one expected, 2 ln 2: 1 where most covariances hold.
-    low, high: if the covariances held, 95 % of the means over so many epochs would lie between these.
-    """
-
-    n_epochs: int
-    mean: float
-    median: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, squares: ArrayLike) -> "MeanSquare":
-        """Summarize normalized squared errors of x and y, shape (n,); NaN is left out."""
-        values = np.asarray(squares, dtype=np.float64)
-        values = values[np.isfinite(values)]
-        n = len(values)
-        if n == 0:
-            return cls(0, math.nan, math.nan, math.nan, math.nan)
-        from scipy.stats import chi2
-
-        low, high = chi2.interval(0.95, 2 * n)  # of the sum of the squares of n times two errors
-        low, high = float(low) / (2 * n), float(high) / (2 * n)
-        return cls(n, float(values.mean()) / 2.0, float(np.median(values)) / (2.0 * math.log(2.0)), low, high)
 
 
 ALERT_LIMIT = 0.29
@@ -233,19 +188,13 @@ class ProtectionCounts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RiskCoverage:
-    """How many answers are wrong among the k most trusted, for every k: the risk-coverage curve.
+    """How many answers are wrong among the k most trusted, for every k: the risk-coverage curve."""
 
-    n_epochs: all epochs, those without an answer too.
-    n_accepted, n_wrong: shape (k,); how many answers are accepted, those of equal trust together, and how many of these
-        are wrong.
-    n_trusted, n_trusted_wrong: how many answers may be used as the method itself says, and how many of these are wrong.
-    """
-
-    n_epochs: int
-    n_accepted: NDArray[np.int64]
-    n_wrong: NDArray[np.int64]
-    n_trusted: int
-    n_trusted_wrong: int
+    n_epochs: int  # all, those without an answer too
+    n_accepted: NDArray[np.int64]  # how many answers are accepted, those of equal trust together, shape (k,)
+    n_wrong: NDArray[np.int64]  # how many of these are wrong, shape (k,)
+    n_trusted: int  # how many answers may be used as the method itself says
+    n_trusted_wrong: int  # how many of these are wrong
 
     @classmethod
     def of(

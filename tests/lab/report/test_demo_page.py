@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from maxcon.lab.report import Picture, write_page
-from maxcon.lab.report.study_statistics import plot_error_distributions
+from maxcon.lab.report.charts import plot_error_distributions
 from opened_pages import assert_whole
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7 * 7 }}"

@@ -1,33 +1,30 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Stated certainty against errors: sigmas, Stanford diagram, risk over coverage."""
+"""Stated certainty against errors: the Stanford diagram, risk over coverage."""
 
-import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.lab.charts import DASHES, METHOD_STYLES, MethodStyle, draw_grid, draw_number_ticks, method_chart
-from maxcon.lab.evaluation import (
-    ALERT_LIMIT,
-    PROMISED,
-    SUCCESS_WORDS,
-    Coverage,
-    ProtectionCounts,
-    RiskCoverage,
-    clopper_pearson,
+from maxcon.lab.evaluation import ALERT_LIMIT, SUCCESS_WORDS, ProtectionCounts, RiskCoverage
+from maxcon.lab.report.charts import (
+    DASHES,
+    METHOD_STYLES,
+    Floats,
+    MethodStyle,
+    draw_grid,
+    draw_number_ticks,
+    method_chart,
 )
-from maxcon.lab.report.timeline import ErrorRow
 from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-Floats = NDArray[np.float64]
 # More epochs are drawn as smaller, paler dots.
 MANY_EPOCHS = 300
 
@@ -44,89 +41,19 @@ def _draw_dots(axes: "Axes", x: Floats, y: Floats, is_exceeded: NDArray[np.bool_
     axes.set(xscale="log", yscale="log")
 
 
-# Errors below this part of the smallest sigma are drawn at it: the axis is logarithmic.
-LEAST = 0.03
-# Where the lower axis ends, sigmas.
-FARTHEST = 4.0
-
-
-def plot_sigmas(path: str | os.PathLike[str], panels: Sequence[ErrorRow], *, title: str) -> None:
-    """Draw the error of each epoch against its predicted standard deviation, with lines at 1, 2 and 3 sigma.
-
-    Below, the fraction of errors within k sigmas, over k, beside that of a normal distribution.
-
-    panels: side by side; each with at least one epoch that has an error and a sigma.
-    """
-    promised = ", ".join(f"{100.0 * fraction:.1f}" for fraction in PROMISED)
-    words = (
-        f"Above: a dot for each epoch, lines at 1, 2 and 3 sigma; {promised} % of the dots should lie below them.\n"
-        "Below: the share of errors within so many sigmas; shaded: what so many epochs leave possible (95 %)."
-    )
-    with saved_figure(path, max(8.8, 4.0 * len(panels)), 8.2, title, words) as figure:
-        above, below = figure.subplots(2, len(panels), squeeze=False, height_ratios=(3.3, 2.1))
-        for panel, upper, lower in zip(panels, above, below, strict=True):
-            is_known = np.isfinite(panel.errors) & np.isfinite(panel.sigmas)
-            errors, sigmas = np.abs(panel.errors[is_known]), panel.sigmas[is_known]
-            _draw_sigmas(upper, panel, errors, sigmas)
-            _draw_fractions(lower, errors / sigmas)
-
-
-def _draw_sigmas(axes: "Axes", panel: ErrorRow, errors: Floats, sigmas: Floats) -> None:
-    """Draw errors over sigmas, with lines at 1, 2 and 3 sigma."""
-    middle = math.sqrt(float(sigmas.min()) * float(sigmas.max()))
-    low, high = min(0.8 * float(sigmas.min()), middle / 2.0), max(1.25 * float(sigmas.max()), middle * 2.0)
-    least, most = LEAST * float(sigmas.min()), 1.6 * max(3.0 * high, float(errors.max()))
-    _draw_dots(axes, sigmas, np.maximum(errors, least), errors > 3.0 * sigmas)
-    axes.set(xlim=(low, high), ylim=(least, most))
-    for k, dashes in ((1, (0, (1.5, 1.5))), (2, (0, (5, 2))), (3, (0, None))):
-        axes.plot([low, high], [k * low, k * high], color=INK, lw=1.1, ls=dashes, zorder=4)
-    for k, below, place in ((1, -3.0, "top"), (3, 2.0, "bottom")):  # the line between is that of 2
-        axes.annotate(
-            f"{k}σ", (high, k * high), (-2.0, below), textcoords="offset points", ha="right", va=place, fontsize=8.5,
-            color=INK, zorder=5,
-        )  # fmt: skip
-    draw_number_ticks(axes.xaxis, low, high)
-    draw_number_ticks(axes.yaxis, least, most, least)
-    axes.set(xlabel=f"predicted sigma [{panel.unit}]", ylabel=f"error [{panel.unit}]")
-    within = " · ".join(f"{100.0 * fraction:.1f}" for fraction in Coverage.of(errors, sigmas).shares)
-    words = f"{panel.name}\nwithin: {within} % of {len(errors):,}"
-    axes.set_title(words, loc="left", fontsize=10.5, parse_math=False)
-    draw_grid(axes, which="major")
-
-
-def _draw_fractions(axes: "Axes", ratios: Floats) -> None:
-    """Draw the fraction of errors within k sigmas over k, and what it should be; `ratios` of errors to sigmas."""
-    limits = np.linspace(0.0, FARTHEST, 81)
-    n_within = np.searchsorted(np.sort(ratios), limits, side="right")
-    ends = np.array([clopper_pearson(int(n), len(ratios)) for n in n_within])
-    axes.fill_between(limits, *(100.0 * ends.T), color=SERIES[0], alpha=0.2, lw=0.0, zorder=1)
-    axes.plot(limits, 100.0 * n_within / len(ratios), color=SERIES[0], lw=1.7, label="these errors", zorder=3)
-    normal = [100.0 * math.erf(limit / math.sqrt(2.0)) for limit in limits]
-    axes.plot(limits, normal, color=INK, lw=1.3, ls=(0, (5, 2)), label="promised", zorder=2)
-    axes.set(xlim=(0.0, FARTHEST), ylim=(0.0, 102.0), xlabel="error [predicted sigmas]", ylabel="epochs within [%]")
-    draw_grid(axes)
-    axes.legend(loc="lower right", fontsize=9)
-
-
 # Both axes of the Stanford diagram, m: a millimetre is below any reference's accuracy.
 LEAST_LEVEL = 1e-3
 NOMINAL, MISLEADING, HAZARDOUS, UNAVAILABLE = "#e3f4ec", "#fdeecb", "#f9d5c8", "#eceef2"
 
 
 def plot_stanford(
-    path: str | os.PathLike[str],
-    errors_by_direction: Mapping[str, Floats],
-    levels_by_direction: Mapping[str, Floats],
-    *,
-    title: str,
-) -> None:
-    """Draw the protection level of each epoch against its error, with the number of epochs in each region.
+    path: str | os.PathLike[str], errors_by_direction: Mapping[str, Floats], levels_by_direction: Mapping[str, Floats],
+    *, title: str,
+) -> None:  # fmt: skip
+    """Draw the protection level of each epoch against its error, count each region, and say what that proves.
 
-    Below each panel stands the upper limit, with 95 % confidence, of the rate at which errors exceed their level.
-
-    errors_by_direction: shape (n,); m, by the name of the direction; the sign does not matter. NaN without an answer.
-    levels_by_direction: shape (n,); protection levels, m, under the same names; NaN where there is none: these
-        errors are drawn in a strip above the diagram.
+    errors_by_direction, levels_by_direction: shape (n,); m, by the name of the direction; the sign does not matter.
+        Without an answer the error is NaN, without a level the level: such errors lie in a strip above the diagram.
     """
     everything = np.abs(np.concatenate([*errors_by_direction.values(), *levels_by_direction.values()]))
     most = 1.6 * max(1.0, 2.0 * ALERT_LIMIT, float(np.nanmax(everything, initial=0.0)))
@@ -199,12 +126,9 @@ APART = 0.5
 
 
 def plot_risk_coverage(path: str | os.PathLike[str], by_method: Mapping[str, RiskCoverage]) -> None:
-    """Draw the rate of wrong answers among those accepted against the fraction of epochs that are accepted.
+    """Draw the rate of wrong answers among those accepted over the fraction of epochs accepted, of at most 8 methods.
 
-    Filled markers: the answers that the method itself says may be used, with an interval of 95 %. Open markers: all
-    answers, if it withholds any. Lines: the most trusted answers first; a method without measures of trust has none.
-
-    by_method: by the method's name, at most 8, each of some epochs.
+    A method without measures of trust has no line, only markers.
     """
     labels = [f"{name}: {found.n_trusted_wrong:,} of {found.n_trusted:,}" for name, found in by_method.items()]
     words = (

@@ -7,12 +7,12 @@ It is made of the table of poses, so that it is the same for a drive that was go
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +28,14 @@ from maxcon.geometry import Pose
 from maxcon.io.scans import Scans
 from maxcon.lab.evaluation import PROMISED, SUCCESS_WORDS, Coverage, PoseError, Quantiles, pose_error
 from maxcon.lab.report import Picture, write_page
-from maxcon.lab.report.facings import Facing, facings
 from maxcon.lab.report.timeline import ErrorRow, plot_timeline
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import MOST_HALF_WIDTH, PRIOR_COLOR, draw_points, half_width_of, is_off_the_ground
 from maxcon.plotting.figure import INK, SERIES
 from maxcon.plotting.from_above import Window, map_figure, round_length
+from maxcon.refine.adjustment import table_around
+from maxcon.refine.patterns import Partners
+from maxcon.refine.validation import LEVEL, N_BINS
 from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
 
@@ -216,12 +218,45 @@ def _statuses(rows: Sequence[PoseRow]) -> list[dict[str, Any]]:
     return found
 
 
+class Facing(NamedTuple):
+    """Walls of one direction: how those of scans lie on those of the map."""
+
+    first_deg: float  # azimuths of their normals, degrees from +x, both sides of a wall alike
+    last_deg: float
+    n_points: int  # wall points of the scans
+    found: float  # which ratio of them has a wall of the map beside it, 0 to 1
+    offset: float  # median of where the map's walls lie beside the scans', along the azimuth, m
+    p95: float  # of the distances, m
+
+
 def _facings(drive: ReportedDrive, is_localized: NDArray[np.bool_]) -> list[Facing]:
     """Of some localized epochs, evenly over the drive."""
     numbers = np.flatnonzero(is_localized)
     chosen = numbers[np.linspace(0, len(numbers) - 1, min(N_FACED, len(numbers))).round().astype(int)]
     poses = ((epoch, drive.answer(epoch)) for epoch in chosen.tolist())
     return facings(((drive.scan(epoch), pose) for epoch, pose in poses if pose is not None), drive.point_map)
+
+
+def facings(scans: Iterable[tuple[Scan, Pose]], point_map: PointMap) -> list[Facing]:
+    """Return the facings of scans at poses, local frame, those with wall points; of each some thousand points."""
+    azimuths, offsets = [np.empty(0)], [np.empty(0)]
+    for scan, pose in scans:
+        partners = Partners.of(scan.sample, pose, point_map, table_around(scan.sample, point_map, [pose]))
+        normals = partners.normals @ pose.rotation.T
+        azimuth = np.arctan2(normals[:, 1], normals[:, 0]) % np.pi
+        towards = partners.planes[:, 0] * np.cos(azimuth) + partners.planes[:, 1] * np.sin(azimuth)
+        is_wall = np.abs(normals[:, 2]) < LEVEL
+        azimuths.append(azimuth[is_wall])
+        offsets.append((partners.distances * np.where(towards < 0.0, -1.0, 1.0))[is_wall])
+    bins = np.minimum(np.concatenate(azimuths) * N_BINS / np.pi, N_BINS - 1).astype(int)
+    found, width = [], 180.0 / N_BINS
+    for k in range(N_BINS):
+        of_facing = np.concatenate(offsets)[bins == k]
+        near = of_facing[np.isfinite(of_facing)]
+        if len(near):
+            p95, share = float(np.quantile(np.abs(near), 0.95)), len(near) / len(of_facing)
+            found.append(Facing(k * width, (k + 1) * width, len(of_facing), share, float(np.median(near)), p95))
+    return found
 
 
 def _signed(errors: Sequence[PoseError | None]) -> NDArray[np.float64]:

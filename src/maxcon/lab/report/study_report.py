@@ -18,11 +18,10 @@ from maxcon._system.version import __version__
 from maxcon.errors import OptionError
 from maxcon.lab.dataset import DESCRIPTION
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.lab.paper.claims import COUNT, HELMERT, paper_claims
 from maxcon.lab.report import check_jinja2, write_page
-from maxcon.lab.report.study_certainty import certainty_of
-from maxcon.lab.report.study_pictures import draw_scenes, open_scenes, space_of
-from maxcon.lab.report.study_statistics import draw_statistics, own_methods
+from maxcon.lab.report.claims import COUNT, HELMERT, paper_claims
+from maxcon.lab.report.study_figures import certainty_of, draw_statistics, own_methods
+from maxcon.lab.report.study_scenes import draw_scenes, open_scenes, space_of
 from maxcon.lab.study import METHOD_SETS, MethodRows, MethodStatistics, Study, refined_words, rows_by_method, statistics
 from maxcon.lab.study.bench import REFERENCE
 from maxcon.plotting.figure import check_matplotlib

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.estimate import Status
-from maxcon.lab.charts import draw_grid
 from maxcon.lab.evaluation import SUCCESS_WORDS
+from maxcon.lab.report.charts import draw_grid
 from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 
 if TYPE_CHECKING:

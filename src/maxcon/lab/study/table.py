@@ -122,6 +122,14 @@ class MethodRows:
         could_be = np.array([word not in NOT_TRIED for word in self.words("status")], dtype=bool)
         return could_be & np.isfinite(self.numbers("reference_x"))
 
+    def has(self, name: str) -> bool:
+        """Whether any row has a value in a column of numbers."""
+        return bool(np.isfinite(self.numbers(name)).any())
+
+    def where(self, is_kept: NDArray[np.bool_]) -> "MethodRows":
+        """Return some of the rows; shape (n,)."""
+        return MethodRows(self.prior, self.method, self.table.filter(is_kept))
+
     def words(self, name: str) -> list[str | None]:
         """Return a column of text."""
         return list(self.table.column(name).to_pylist())
