@@ -51,11 +51,8 @@ class Gicp(StartedMethod):
     """Localizes scans by generalized ICP: both clouds are made of small planes.
 
     Unknown are all six: x, y, z, roll, pitch and heading. In a map without ground, little holds z and pitch. What is
-    said of `Icp` holds here too, but `cofactor` is in units of the variance of one match of two planes that face each
-    other, all else held; `NOT_CONVERGED` is small_gicp's own word.
-
-    - gate, thinning, max_iterations, step_tolerance, turn_tolerance, target_edge, targets: see `Icp`.
-    - n_neighbours: neighbours from which the covariance of a point is estimated, in scan and map.
+    said of `Icp` and its options holds here too, but `cofactor` is in units of the variance of one match of two planes
+    that face each other, all else held; `NOT_CONVERGED` is small_gicp's own word.
     """
 
     gate: float = 3.0
@@ -64,7 +61,7 @@ class Gicp(StartedMethod):
     step_tolerance: float = 1e-3
     turn_tolerance: float = 2e-3
     target_edge: float = 0.5
-    n_neighbours: int = 10
+    n_neighbours: int = 10  # from which the covariance of a point is estimated, in scan and map
     targets: MapTargets = field(default_factory=MapTargets, repr=False, compare=False)
 
     def __post_init__(self) -> None:
