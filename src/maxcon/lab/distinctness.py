@@ -139,13 +139,12 @@ def _divergence(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> 
 
     In logarithms, since q underflows some 530 cells from the peak.
     """
+    from scipy.special import log_softmax, xlogy
+
     if len(places) < 2:
         return math.nan
-    log_density = -LAPLACE_DECAY * np.abs(places)
-    log_density -= math.log(float(np.exp(log_density).sum()))
-    is_present = fractions > 0.0
-    present = fractions[is_present]
-    return max(0.0, float(present @ (np.log(present) - log_density[is_present])))  # not -1e-17
+    log_density = log_softmax(-LAPLACE_DECAY * np.abs(places))
+    return max(0.0, float((xlogy(fractions, fractions) - fractions * log_density).sum()))  # not -1e-17
 
 
 def _spread(scores: Scores, peak: Cell, space: SearchSpace) -> float:

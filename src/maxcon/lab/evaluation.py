@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How good answers are: errors, coverage of sigmas, protection levels, risk against coverage, what samples prove."""
+"""How good answers are: errors, coverage of sigmas, protection levels, what samples prove."""
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from maxcon.geometry import Pose, wrap_angle
 
@@ -184,54 +184,3 @@ class ProtectionCounts:
     def hazardous_bound(self) -> float:
         """Upper limit, with 95 % confidence, of the rate of hazardous epochs among used ones, 0 to 1."""
         return upper_bound(self.n_hazardous, self.n_used)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RiskCoverage:
-    """How many answers are wrong among the k most trusted, for every k: the risk-coverage curve."""
-
-    n_epochs: int  # all, those without an answer too
-    n_accepted: NDArray[np.int64]  # how many answers are accepted, those of equal trust together, shape (k,)
-    n_wrong: NDArray[np.int64]  # how many of these are wrong, shape (k,)
-    n_trusted: int  # how many answers may be used as the method itself says
-    n_trusted_wrong: int  # how many of these are wrong
-
-    @classmethod
-    def of(
-        cls, is_right: ArrayLike, is_answer: ArrayLike, is_trusted: ArrayLike, runner_up: ArrayLike
-    ) -> "RiskCoverage":
-        """Sort answers by trust: first those that the method trusts, then the others, both by their second best.
-
-        is_right, is_answer, is_trusted: shape (n,); whether an epoch is a success, has a pose, and may be used as the
-            method says.
-        runner_up: shape (n,); second best score over the best: lower is more trusted, NaN least.
-        """
-        right, answered, trusted = (np.asarray(each, dtype=bool) for each in (is_right, is_answer, is_trusted))
-        rivals = np.asarray(runner_up, dtype=np.float64)
-        doubt = np.column_stack([~trusted, np.where(np.isnan(rivals), np.inf, rivals)])[answered]
-        order = np.lexsort((doubt[:, 1], doubt[:, 0]))
-        is_last = np.ones(len(order), dtype=bool)
-        is_last[:-1] = (doubt[order][1:] != doubt[order][:-1]).any(axis=1)
-        trusted = trusted & answered
-        return cls(
-            n_epochs=len(right),
-            n_accepted=(np.flatnonzero(is_last) + 1).astype(np.int64),
-            n_wrong=np.cumsum(~right[answered][order])[is_last].astype(np.int64),
-            n_trusted=int(trusted.sum()),
-            n_trusted_wrong=int((trusted & ~right).sum()),
-        )
-
-    @property
-    def shares(self) -> NDArray[np.float64]:
-        """Accepted answers over all epochs, shape (k,), 0 to 1: the coverage."""
-        return self.n_accepted / self.n_epochs
-
-    @property
-    def rates(self) -> NDArray[np.float64]:
-        """Wrong answers over accepted ones, shape (k,), 0 to 1: the risk."""
-        return self.n_wrong / self.n_accepted
-
-    @property
-    def trusted_interval(self) -> tuple[float, float]:
-        """Ends of the 95 % interval of the rate of wrong answers among those trusted, 0 to 1."""
-        return clopper_pearson(self.n_trusted_wrong, self.n_trusted)

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 import maxcon
 from drawn_figures import HOSTILE, BelowZero, assert_all_fits, parts, png_size, words, yard
 from maxcon.errors import OptionError
-from maxcon.lab.evaluation import Quantiles, RiskCoverage
-from maxcon.lab.report.certainty_plots import plot_risk_coverage, plot_stanford
+from maxcon.lab.evaluation import Quantiles
+from maxcon.lab.report.certainty_plots import ErrorRow, plot_stanford, plot_timeline
 from maxcon.lab.report.charts import percents_within, plot_error_distributions
 from maxcon.lab.report.paper_figures import (
     MEASURES,
@@ -25,7 +25,6 @@ from maxcon.lab.report.paper_figures import (
     plot_kurtosis_map,
 )
 from maxcon.lab.report.prior_error import levels_of_distance, plot_prior_error, round_width
-from maxcon.lab.report.timeline import ErrorRow, plot_timeline
 from maxcon.lab.study import MethodStatistics
 from maxcon.plotting.score_panel import SearchSpaceView
 from study_tables import rows_of
@@ -43,12 +42,6 @@ def views():
     accumulator = parts()["accumulator"]
     chosen = (maxcon.Count(), maxcon.Helmert(), BelowZero())
     return [SearchSpaceView(accumulator, objective, HOSTILE if not n else "") for n, objective in enumerate(chosen)]
-
-
-def risk(n_epochs, n_trusted, n_wrong):
-    """So many epochs, the first of them trusted and the very first wrong."""
-    place = np.arange(n_epochs)
-    return RiskCoverage.of(place >= n_wrong, np.ones(n_epochs), place < n_trusted, place / n_epochs)
 
 
 def levels(names):
@@ -105,7 +98,6 @@ FIGURES = {
     "Stanford": lambda path: plot_stanford(
         path, {"x": ERRORS, "y": NAN}, {"x": np.full(40, 0.1), "y": ERRORS + 0.1}, title=HOSTILE
     ),
-    "risk": lambda path: plot_risk_coverage(path, {HOSTILE: risk(30, 20, 1), "none": risk(1, 0, 1)}),
     "timeline": lambda path: plot_timeline(path, np.arange(40.0), STATUSES, ALONG > 7.0, rows(), title=HOSTILE),
     "prior error": lambda path: plot_prior_error(path, dict.fromkeys(["a", HOSTILE], levels(["b", HOSTILE]))),
 }  # fmt: skip
@@ -141,7 +133,6 @@ ODD = {
     "one pose": lambda path: maxcon.plot_poses(path, trajectory(1), yard().point_map),
     "errors beyond the axis": lambda path: plot_error_distributions(path, {"a": array(0.0, 0.01, 10.0, np.nan, 1e9)}),
     "no level": lambda path: plot_stanford(path, {"x": array(0.0)}, {"x": array(np.nan)}, title="T"),
-    "all wrong": lambda path: plot_risk_coverage(path, {"a": risk(30, 30, 30)}),
     "one epoch": lambda path: plot_timeline(path, array(7), ["localized"], array(1) > 0.0, rows(1), title="T"),
     "two equal kurtoses": lambda path: plot_kurtosis_map(
         path, PLACES[:2], ("a", array(3.0, 3.0)), ("b", array(3.0, 3.0)), point_map=None, title="T"
@@ -190,9 +181,6 @@ def test_nothing_is_cut_off_in_figures_of_certainty(n_epochs, tmp_path, drawn):
     wrong, epochs = np.abs(errors[0]) > 0.3, np.arange(float(n_epochs))
     plot_timeline(tmp_path / "timeline.svg", epochs, list(statuses), wrong, [levels], title="A drive")
     assert (tmp_path / "timeline.svg").stat().st_size < 1_000_000  # many epochs are drawn as pixels
-    found = RiskCoverage.of(~wrong, ~np.isnan(errors[0]), statuses == "localized", np.abs(errors[1]))
-    names = [f"a method by a long name {number}" for number in range(8)]
-    plot_risk_coverage(tmp_path / "risk.png", dict.fromkeys(names, found))
     for figure in drawn:
         assert_all_fits(figure, panels_apart=False)
 
@@ -259,7 +247,7 @@ def test_epochs_are_binned_by_the_distance_of_their_prior(tmp_path):
     assert levels_of_distance({"Count": rows["count"].where(np.zeros(3, bool))}) == {}
 
 
-def test_levels_and_risk_are_counted(tmp_path):
+def test_levels_are_counted(tmp_path):
     errors = {"along": array(0.05, -0.1, 0.2, -0.5, 0.1, 0.9, 3.0, np.nan), "none": array(0.1)}
     levels = {"along": array(0.10, 0.10, 0.1, 0.10, 0.4, 0.4, np.nan, np.nan), "none": array(np.nan)}
     written = told(tmp_path, lambda path: plot_stanford(path, errors, levels, title="T"))
@@ -269,9 +257,6 @@ def test_levels_and_risk_are_counted(tmp_path):
     assert "Errors above their level: 2 of 4 used epochs;" in written
     assert "proved with 95 % confidence: a rate of at most 90.2 %." in written
     assert "No epoch has a level within the alert limit:" in written
-    found = {"maxcon": risk(1200, 1100, 0), "gicp-3m": risk(1200, 1000, 7)}
-    written = told(tmp_path, lambda path: plot_risk_coverage(path, found))
-    assert {"maxcon: 0 of 1,100", "gicp-3m: 7 of 1,000"} <= set(written)
 
 
 def error_row(errors, sigmas, levels):

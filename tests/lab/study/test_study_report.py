@@ -15,7 +15,7 @@ from opened_pages import assert_whole
 
 FIGURES = {
     "headings", "comparison", "distinctness-points", "kurtosis-points", "success", "errors",
-    "risk-coverage", "timeline",
+    "timeline",
 }  # fmt: skip
 
 

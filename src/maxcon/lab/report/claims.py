@@ -9,10 +9,11 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maxcon.lab.evaluation import SUCCESS_DISTANCE, SUCCESS_WORDS
+from maxcon.lab.report.charts import Floats
 from maxcon.lab.study import MethodRows, MethodStatistics, statistics
+from maxcon.lab.study.table import in_common
 
 COUNT, HELMERT = "count-points", "helmert-points"
 """The paper's two methods: a match counts as often as its voxel has map points."""
@@ -22,6 +23,8 @@ STARTS = ("icp-plane-1m-5x5", "icp-plane-3m-5x5", "icp-point-1m-5x5", "icp-point
 MUCH = 1.5
 # Cells whose distance is at most this many edges are neighbours, diagonal ones too.
 NEIGHBOURS = 1.5
+
+Methods = Mapping[str, MethodRows]  # rows of one prior, by the method's name
 
 
 class Verdict(StrEnum):
@@ -33,8 +36,11 @@ class Verdict(StrEnum):
     NOT_STUDIED = "not studied"
 
 
-def _verdict(is_so: bool, is_partly: bool = False) -> Verdict:
-    return Verdict.AGREES if is_so else Verdict.PARTLY if is_partly else Verdict.DIFFERS
+_Finding = tuple[str, Verdict]
+
+
+class _NotStudiedError(Exception):
+    """What a study lacks to say anything of a claim."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +52,9 @@ class Claim:
     verdict: Verdict
 
 
-def paper_claims(
-    methods: Mapping[str, MethodRows], cell: float, centred: Mapping[str, MethodRows] | None = None
-) -> list[Claim]:
+def paper_claims(methods: Methods, cell: float, centred: Methods | None = None) -> list[Claim]:
     """Return the claims of the paper's evaluation with what a study shows of each.
 
-    methods: by name, one prior.
     cell: edge of a cell, m.
     centred: the same with the reference as the prior, if it was studied: kurtosis and divergence depend on where in the
         search space the peak lies, and the paper's search spaces lie around the reference.
@@ -60,26 +63,38 @@ def paper_claims(
     """
     found = {name: statistics(rows) for name, rows in methods.items()}
     along_ray, where = (centred, "Around the reference, ") if centred else (methods, "Around this prior, ")
-    return [
-        _helmert_succeeds(found),
-        _count_fails(found),
-        _icp_fails(found),
-        _compared(
-            "The ratio of second highest to highest score is lower for Helmert's score in general; some critical"
-            " epochs remain.",
-            methods, "peak_ratio", "Median ratio", operator.lt,
+    checks: dict[str, Callable[[], _Finding]] = {
+        "Maximum consensus with Helmert's score always finds the true pose: 3001 of 3001 epochs.": (
+            lambda: _helmert_succeeds(found)
         ),
-        _compared(
-            "The kurtosis along the significant ray is much higher for Helmert's score.",
-            along_ray, "kurtosis", f"{where}median kurtosis", operator.gt, factor=MUCH,
+        "The count fails in some epochs, where the density of the map is uneven.": lambda: _count_fails(found),
+        "ICP from 5 × 5 starts 1 m apart around the true pose fails in more than 20 % of the epochs: not all starts"
+        " end there. (The gate is not stated.)": lambda: _icp_fails(found),
+        "The ratio of second highest to highest score is lower for Helmert's score in general; some critical epochs"
+        " remain.": lambda: _compared(methods, "peak_ratio", "Median ratio", operator.lt),
+        "The kurtosis along the significant ray is much higher for Helmert's score.": (
+            lambda: _compared(along_ray, "kurtosis", f"{where}median kurtosis", operator.gt, factor=MUCH)
         ),
-        _compared(
-            "The divergence from a Laplace distribution is lower for Helmert's score.",
-            along_ray, "divergence", f"{where}median divergence", operator.lt,
+        "The divergence from a Laplace distribution is lower for Helmert's score.": (
+            lambda: _compared(along_ray, "divergence", f"{where}median divergence", operator.lt)
         ),
-        _spread(methods, cell),
-        _precision(methods),
-    ]  # fmt: skip
+        "Only neighbours of the best cell reach 90 % of Helmert's highest score; for the count such cells lie all"
+        " over the search space.": lambda: _spread(methods, cell),
+        "The accuracy of maximum consensus is limited by its cells; ICP, where its correspondences are right, is"
+        " more accurate.": lambda: _precision(methods),
+    }
+    return [_checked(paper, check) for paper, check in checks.items()]
+
+
+def _checked(paper: str, check: Callable[[], _Finding]) -> Claim:
+    try:
+        return Claim(paper, *check())
+    except _NotStudiedError as lacking:
+        return Claim(paper, f"No epoch with {lacking}.", Verdict.NOT_STUDIED)
+
+
+def _verdict(is_so: bool, is_partly: bool = False) -> Verdict:
+    return Verdict.AGREES if is_so else Verdict.PARTLY if is_partly else Verdict.DIFFERS
 
 
 def _ratio(part: int, whole: int) -> str:
@@ -92,117 +107,90 @@ def _left_out(method: MethodStatistics) -> str:
     return f" ({n_left_out:,} more could not be tried)" if n_left_out else ""
 
 
-def _lacking(found: Mapping[str, MethodStatistics], name: str) -> str:
-    """Say what is missing to check a claim about a method: the method, or an answer of it; empty if nothing is."""
+def _tried(found: Mapping[str, MethodStatistics], name: str) -> MethodStatistics:
+    """Return a method that was tried in some epoch."""
     if name not in found:
-        return name
-    return "" if found[name].n_tried else f"an answer of {name}"
+        raise _NotStudiedError(name)
+    if not found[name].n_tried:
+        raise _NotStudiedError(f"an answer of {name}")
+    return found[name]
 
 
-def _lacking_pair(methods: Mapping[str, MethodRows], other: str) -> str:
-    """Say that Helmert's score or the method beside it is missing; empty if neither is."""
-    return "" if HELMERT in methods and other in methods else f"both {other} and {HELMERT}"
+def _paper_pair(methods: Methods) -> tuple[str, str]:
+    """Return the names of Helmert's score and the count, which must both be studied."""
+    if HELMERT not in methods or COUNT not in methods:
+        raise _NotStudiedError(f"both {COUNT} and {HELMERT}")
+    return HELMERT, COUNT
 
 
-def _not_studied(paper: str, names: str) -> Claim:
-    return Claim(paper, f"No epoch with {names}.", Verdict.NOT_STUDIED)
+def _values_of(methods: Methods, names: tuple[str, str], column: str, *, succeed: bool = False) -> list[Floats]:
+    """Values of a column by two methods in the epochs where both have one, and where both succeed if told so."""
+    here = {}
+    for name in names:
+        rows = methods[name]
+        is_here = np.isfinite(rows.numbers(column)) & ((rows.numbers("is_success") == 1.0) | (not succeed))
+        here[name] = rows.where(is_here)
+    return [rows.numbers(column) for rows in in_common(here).values()]
 
 
-def _helmert_succeeds(found: Mapping[str, MethodStatistics]) -> Claim:
-    paper = "Maximum consensus with Helmert's score always finds the true pose: 3001 of 3001 epochs."
-    if lacking := _lacking(found, HELMERT):
-        return _not_studied(paper, lacking)
-    method = found[HELMERT]
+def _helmert_succeeds(found: Mapping[str, MethodStatistics]) -> _Finding:
+    method = _tried(found, HELMERT)
     words = f"{_ratio(method.n_success, method.n_tried)} epochs within {SUCCESS_WORDS}"
     if other := found.get("helmert-occupied"):
         words += f"; {_ratio(other.n_success, other.n_tried)} by our defaults"
     verdict = _verdict(method.n_success == method.n_tried, method.n_success >= 0.99 * method.n_tried)
-    return Claim(paper, f"{words}{_left_out(method)}.", verdict)
+    return f"{words}{_left_out(method)}.", verdict
 
 
-def _count_fails(found: Mapping[str, MethodStatistics]) -> Claim:
-    paper = "The count fails in some epochs, where the density of the map is uneven."
-    if lacking := _lacking(found, COUNT):
-        return _not_studied(paper, lacking)
-    method = found[COUNT]
+def _count_fails(found: Mapping[str, MethodStatistics]) -> _Finding:
+    method = _tried(found, COUNT)
     n_failed = method.n_tried - method.n_success
     words = f"The count fails in {_ratio(n_failed, method.n_tried)} epochs"
     words += f", by up to {method.distance.worst:.2f} m" if method.distance.worst > SUCCESS_DISTANCE else ""
     if other := found.get("count-occupied"):
         words += f"; in {_ratio(other.n_tried - other.n_success, other.n_tried)} by our defaults"
-    return Claim(paper, f"{words}{_left_out(method)}.", _verdict(n_failed > 0))
+    return f"{words}{_left_out(method)}.", _verdict(n_failed > 0)
 
 
-def _icp_fails(found: Mapping[str, MethodStatistics]) -> Claim:
-    paper = (
-        "ICP from 5 × 5 starts 1 m apart around the true pose fails in more than 20 % of the epochs: not all starts"
-        " end there. (The gate is not stated.)"
-    )
+def _icp_fails(found: Mapping[str, MethodStatistics]) -> _Finding:
     studied = [found[name] for name in STARTS if name in found and found[name].n_tried]
     if not studied:
-        return _not_studied(paper, " or ".join(STARTS[:2]))
-    shares = [1.0 - method.n_success / method.n_tried for method in studied]
+        raise _NotStudiedError(" or ".join(STARTS[:2]))
+    exceeds = [1.0 - method.n_success / method.n_tried > 0.2 for method in studied]
     words = "; ".join(
         f"{method.method}: fails in {_ratio(method.n_tried - method.n_success, method.n_tried)} epochs"
         for method in studied
-    ) + _left_out(studied[0])
-    exceeds = [share > 0.2 for share in shares]
-    return Claim(paper, words + ".", _verdict(all(exceeds), any(exceeds)))
+    )
+    return f"{words}{_left_out(studied[0])}.", _verdict(all(exceeds), any(exceeds))
 
 
 def _compared(
-    paper: str,
-    methods: Mapping[str, MethodRows],
-    column: str,
-    words: str,
-    is_better: Callable[[Any, Any], Any],
-    factor: float = 1.0,
-) -> Claim:
+    methods: Methods, column: str, words: str, is_better: Callable[[Any, Any], Any], factor: float = 1.0
+) -> _Finding:
     """Check whether a measure is better for Helmert's score than for the count, in its median and in most epochs.
 
     The claim holds if the median is better, by `factor` if above 1, and nine tenths of the epochs; partly if the median
     is better. `words` begin the sentence about the study.
     """
-    if lacking := _lacking_pair(methods, COUNT):
-        return _not_studied(paper, lacking)
-    helmert, count = _of_both(methods, HELMERT, COUNT, column)
+    helmert, count = _values_of(methods, _paper_pair(methods), column)
     if not len(helmert):
-        return _not_studied(paper, f"{column} of both")
+        raise _NotStudiedError(f"{column} of both")
     medians = float(np.median(helmert)), float(np.median(count))
     n_better = int(is_better(helmert, count).sum())
     is_so, is_general = is_better(*medians), n_better >= 0.9 * len(helmert)
     is_general &= medians[0] >= factor * medians[1] if factor > 1.0 else True
-    return Claim(
-        paper,
+    study = (
         f"{words} of Helmert's score {medians[0]:.3g}, of the count {medians[1]:.3g}; Helmert's is the more"
-        f" distinct in {_ratio(n_better, len(helmert))} epochs.",
-        _verdict(is_so and is_general, is_so),
+        f" distinct in {_ratio(n_better, len(helmert))} epochs."
     )
+    return study, _verdict(is_so and is_general, is_so)
 
 
-def _of_both(
-    methods: Mapping[str, MethodRows], one: str, other: str, column: str, *, succeeds: bool = False
-) -> list[NDArray[np.float64]]:
-    """Values of a column by two methods in the epochs where both have one, and where both succeed if told so."""
-    found = []
-    for name in (one, other):
-        rows = methods[name]
-        is_here = np.isfinite(rows.numbers(column)) & ((rows.numbers("is_success") == 1.0) | (not succeeds))
-        found.append((rows.numbers("epoch")[is_here], rows.numbers(column)[is_here]))
-    both = np.intersect1d(found[0][0], found[1][0])
-    return [values[np.isin(epochs, both)] for epochs, values in found]
-
-
-def _spread(methods: Mapping[str, MethodRows], cell: float) -> Claim:
-    paper = (
-        "Only neighbours of the best cell reach 90 % of Helmert's highest score; for the count such cells lie all"
-        " over the search space."
-    )
-    if lacking := _lacking_pair(methods, COUNT):
-        return _not_studied(paper, lacking)
-    spreads = [values[np.isfinite(values)] for values in (methods[name].numbers("spread") for name in (HELMERT, COUNT))]
+def _spread(methods: Methods, cell: float) -> _Finding:
+    spreads = [methods[name].numbers("spread") for name in _paper_pair(methods)]
+    spreads = [values[np.isfinite(values)] for values in spreads]
     if not all(map(len, spreads)):
-        return _not_studied(paper, "a spread of both")
+        raise _NotStudiedError("a spread of both")
     n_near = [int((values <= NEIGHBOURS * cell).sum()) for values in spreads]
     words = " ".join(
         f"{name}: only neighbours in {_ratio(near, len(values))} epochs, 95 % of the spreads below"
@@ -210,21 +198,16 @@ def _spread(methods: Mapping[str, MethodRows], cell: float) -> Claim:
         for name, near, values in zip(("Helmert's score", "The count"), n_near, spreads, strict=True)
     )
     shares = [near / len(values) for near, values in zip(n_near, spreads, strict=True)]
-    is_so = shares[0] == 1.0 and shares[1] < 1.0
-    return Claim(paper, words, _verdict(is_so, shares[0] > shares[1]))
+    return words, _verdict(shares[0] == 1.0 and shares[1] < 1.0, shares[0] > shares[1])
 
 
-def _precision(methods: Mapping[str, MethodRows]) -> Claim:
-    paper = (
-        "The accuracy of maximum consensus is limited by its cells; ICP, where its correspondences are right, is"
-        " more accurate."
-    )
+def _precision(methods: Methods) -> _Finding:
     name = next((name for name in ("icp-plane-1m", "icp-plane-3m") if name in methods), None)
     if HELMERT not in methods or name is None:
-        return _not_studied(paper, f"both {HELMERT} and icp-plane-1m or icp-plane-3m")
-    icp, helmert = _of_both(methods, name, HELMERT, "distance", succeeds=True)
+        raise _NotStudiedError(f"both {HELMERT} and icp-plane-1m or icp-plane-3m")
+    icp, helmert = _values_of(methods, (name, HELMERT), "distance", succeed=True)
     if not len(icp):
-        return _not_studied(paper, f"success of both {HELMERT} and {name}")
+        raise _NotStudiedError(f"success of both {HELMERT} and {name}")
     medians = float(np.median(icp)), float(np.median(helmert))
     words = f"Where both succeed ({len(icp):,} epochs), median error of {name} {medians[0]:.3f} m, of {HELMERT}"
-    return Claim(paper, f"{words} {medians[1]:.3f} m.", _verdict(medians[0] < medians[1]))
+    return f"{words} {medians[1]:.3f} m.", _verdict(medians[0] < medians[1])

@@ -28,7 +28,7 @@ from maxcon.geometry import Pose
 from maxcon.io.scans import Scans
 from maxcon.lab.evaluation import PROMISED, SUCCESS_WORDS, Coverage, PoseError, Quantiles, pose_error
 from maxcon.lab.report import Picture, write_page
-from maxcon.lab.report.timeline import ErrorRow, plot_timeline
+from maxcon.lab.report.certainty_plots import ErrorRow, plot_timeline
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import MOST_HALF_WIDTH, PRIOR_COLOR, draw_points, half_width_of, is_off_the_ground
 from maxcon.plotting.figure import INK, SERIES

@@ -17,21 +17,19 @@ from maxcon.lab.evaluation import (
     SUCCESS_WORDS,
     Coverage,
     ProtectionCounts,
-    RiskCoverage,
     least_to_prove,
 )
 from maxcon.lab.report import Picture
-from maxcon.lab.report.certainty_plots import plot_risk_coverage, plot_stanford
+from maxcon.lab.report.certainty_plots import ErrorRow, plot_stanford, plot_timeline
 from maxcon.lab.report.charts import METHOD_STYLES, Floats, plot_error_distributions
-from maxcon.lab.report.claims import COUNT, HELMERT
+from maxcon.lab.report.claims import COUNT, HELMERT, Methods
 from maxcon.lab.report.paper_figures import MEASURES, plot_distinctness, plot_kurtosis_map
 from maxcon.lab.report.prior_error import levels_of_distance, plot_prior_error
-from maxcon.lab.report.timeline import ErrorRow, plot_timeline
 from maxcon.lab.study import MethodRows, known_methods
+from maxcon.lab.study.table import in_common
 from maxcon.map import PointMap
 from maxcon.search.space import SearchSpace
 
-Methods = Mapping[str, MethodRows]  # rows of one prior, by the method's name
 # Methods that are drawn together in one picture, the first `MOST_SHOWN` of those that a study has.
 SHOWN = (
     "maxcon", "helmert-points", "helmert-occupied", "count-points", "count-occupied",
@@ -60,20 +58,9 @@ def shown_methods(methods: Methods) -> list[str]:
     return (named or list(methods))[:MOST_SHOWN]
 
 
-def common_epochs(methods: Methods, names: Sequence[str]) -> Floats:
-    """Numbers of the epochs that all of these methods have a row for, rising."""
-    epochs = methods[names[0]].numbers("epoch")
-    for name in names[1:]:
-        epochs = np.intersect1d(epochs, methods[name].numbers("epoch"))
-    return epochs
-
-
-def in_common(methods: Methods, names: Sequence[str]) -> dict[str, MethodRows]:
-    """Return rows of these methods in the epochs that all of them have, by the names that are drawn."""
-    epochs = common_epochs(methods, names)
-    return {
-        NAMES.get(name, name): methods[name].where(np.isin(methods[name].numbers("epoch"), epochs)) for name in names
-    }
+def common_rows(methods: Methods, names: Sequence[str]) -> dict[str, MethodRows]:
+    """Return the rows of these methods in the epochs that all of them have, by the names that are drawn."""
+    return in_common({NAMES.get(name, name): methods[name] for name in names})
 
 
 # --- distinctness, success, errors -----------------------------------------------------------------------------
@@ -87,15 +74,15 @@ def draw_statistics(folder: Path, methods: Methods, point_map: PointMap | None) 
     measured = {stem: pair for stem, pair in PAIRS.items() if _have(methods, pair, "kurtosis")}
     own = [name for name in own_methods(methods) if _have(methods, [name, *PAIRS["occupied"]], "kurtosis")]
     groups = measured | ({"occupied": (*own[: MOST_SHOWN - 2], *PAIRS["occupied"])} if own else {})
-    pictures = [_distinctness(folder, stem, in_common(methods, group)) for stem, group in groups.items()]
+    pictures = [_distinctness(folder, stem, common_rows(methods, group)) for stem, group in groups.items()]
     placed = [stem for stem, pair in measured.items() if _have(methods, pair, "reference_x")]
-    pictures += [_kurtosis(folder, stem, in_common(methods, PAIRS[stem]), point_map) for stem in placed[:1]]
+    pictures += [_kurtosis(folder, stem, common_rows(methods, PAIRS[stem]), point_map) for stem in placed[:1]]
     shown = shown_methods(methods)
     if levels := levels_of_distance({NAMES.get(name, name): methods[name] for name in shown}):
         plot_prior_error(folder / "success.svg", {f"prior “{methods[shown[0]].prior}”": levels})
         pictures.append(Picture.of("success", folder / "success.svg", success=SUCCESS_WORDS))
-    if len(common_epochs(methods, shown)):
-        errors = {name: rows.numbers("distance") for name, rows in in_common(methods, shown).items()}
+    errors = {name: rows.numbers("distance") for name, rows in common_rows(methods, shown).items()}
+    if len(next(iter(errors.values()))):
         pictures.append(plot_error_distributions(folder / "errors.svg", errors))
     return pictures
 
@@ -104,7 +91,7 @@ def _have(methods: Methods, names: Sequence[str], column: str) -> bool:
     """Whether each of these methods has, in epochs common to all, some value in a column."""
     if not all(name in methods for name in names):
         return False
-    return all(rows.has(column) for rows in in_common(methods, names).values())
+    return all(rows.has(column) for rows in common_rows(methods, names).values())
 
 
 def _distinctness(folder: Path, stem: str, rows: Methods) -> Picture:
@@ -158,7 +145,7 @@ def certainty_of(
             if rows.has("protection_along"):
                 risk = _risk(configured, method)
                 protection.append(_protection(f"Errors within protection levels: {words}", rows, risk))
-    pictures = _risk_coverage(folder / "risk-coverage.svg", methods)
+    pictures = []
     for number, (name, found) in enumerate({prior: methods, **by_prior}.items(), 1):
         path = folder / ("timeline.svg" if number == 1 else f"timeline-{number}.svg")
         pictures.append(_timeline(path, name, found[(_predicting(found) or shown_methods(found))[0]]))
@@ -231,21 +218,6 @@ def _protection(title: str, rows: MethodRows, risk: float | None) -> dict[str, A
 def _errors_and_levels(rows: MethodRows) -> list[dict[str, Floats]]:
     """Errors and protection levels of the epochs that were tried, m, by direction."""
     return [{name: rows.numbers(f"{of}{name}")[rows.is_tried] for name in DIRECTIONS} for of in ("", "protection_")]
-
-
-def _risk_coverage(path: Path, methods: Methods) -> list[Picture]:
-    tried = {name: methods[name].where(methods[name].is_tried) for name in shown_methods(methods)}
-    found = {
-        NAMES.get(name, name): RiskCoverage.of(
-            rows.numbers("is_success") == 1.0, np.isfinite(rows.numbers("x")), rows.numbers("is_localized") == 1.0,
-            rows.numbers("runner_up"),
-        )
-        for name, rows in tried.items() if len(rows)
-    }  # fmt: skip
-    if not found:
-        return []
-    plot_risk_coverage(path, found)
-    return [Picture.of("risk-coverage", path)]
 
 
 def _timeline(path: Path, prior: str, rows: MethodRows) -> Picture:

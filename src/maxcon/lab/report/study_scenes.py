@@ -18,11 +18,11 @@ from maxcon.lab.dataset import Dataset
 from maxcon.lab.report import Picture
 from maxcon.lab.report.claims import HELMERT
 from maxcon.lab.report.paper_figures import ComparisonRow, plot_comparison
-from maxcon.lab.report.study_figures import in_common
 from maxcon.lab.study import MethodRows, Study, known_methods
 from maxcon.lab.study.bench import REFERENCE, Bench
 from maxcon.lab.study.methods import STANDARD
 from maxcon.lab.study.run import check_parts, dataset_parts
+from maxcon.lab.study.table import in_common
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.plotting import plot_epoch
@@ -46,7 +46,7 @@ def pick_epochs(count: MethodRows, helmert: MethodRows) -> dict[str, int]:
     Crossing and street are taken from epochs whose prior is within 1.5 m of the reference, if there are any: their
     peak is not at the border of the search space.
     """
-    count, helmert = in_common({"count": count, "helmert": helmert}, ("count", "helmert")).values()
+    count, helmert = in_common({"count": count, "helmert": helmert}).values()
     epochs = count.numbers("epoch")
     succeeds = [rows.numbers("is_success") == 1.0 for rows in (count, helmert)]
     is_good, is_lost = succeeds[0] & succeeds[1], ~succeeds[0] & succeeds[1]
