@@ -25,37 +25,22 @@ _FOR_CLOUDS = ("trajectory", "crs", "drop", "vehicle_classes", "normals_have_sid
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """Where the parts of a dataset lie.
+    """Where the parts of a dataset lie; coordinates of map, reference and priors are global, m, poses T_map_sensor."""
 
-    - path: the TOML file; the paths in it are relative to its folder.
-    - map_clouds: clouds to build the map from, global coordinates, m; empty where the map is built already.
-    - map_path: a map on disk, instead of clouds.
-    - map_trajectory: of the mapping sensor, on the clock of the map clouds: turns normals to its side.
-    - crs: of all global coordinates, where the clouds do not say.
-    - drop: classes to leave out of the map; the defaults of a map if None.
-    - vehicle_classes: class numbers that mean vehicles.
-    - normals_have_sides: whether the clouds' own normals are turned to the sensor's side.
-    - map_sigma: standard deviation of the map's position along any axis, m; found by the build if None.
-    - scans, times: folder of scans, and their times where they are not with them.
-    - reference: poses held for true, T_map_sensor, global coordinates.
-    - priors: rough poses by name, T_map_sensor, global coordinates; at least one, none by the name "reference".
-    - odometry: the vehicle's own motion, T_odometry_sensor in any frame, where it was recorded.
-    """
-
-    path: Path
-    map_clouds: tuple[Path, ...]
-    map_path: Path | None
-    map_trajectory: Path | None
-    crs: str | None
-    drop: tuple[str, ...] | None
-    vehicle_classes: tuple[int, ...]
-    normals_have_sides: bool
-    map_sigma: float | None
+    path: Path  # the TOML file; the paths in it are relative to its folder
+    map_clouds: tuple[Path, ...]  # clouds to build the map from; empty where the map is built already
+    map_path: Path | None  # a map on disk, instead of clouds
+    map_trajectory: Path | None  # of the mapping sensor, on the clock of the clouds: turns normals to its side
+    crs: str | None  # of all global coordinates, where the clouds do not say
+    drop: tuple[str, ...] | None  # classes to leave out of the map; the defaults of a map if None
+    vehicle_classes: tuple[int, ...]  # class numbers that mean vehicles
+    normals_have_sides: bool  # whether the clouds' own normals are turned to the sensor's side
+    map_sigma: float | None  # standard deviation of the map's position along any axis, m; found by the build if None
     scans: Path
-    times: Path | None
-    reference: Path
-    priors: dict[str, Path]
-    odometry: Path | None = None
+    times: Path | None  # of the scans, where they are not with them
+    reference: Path  # poses held for true
+    priors: dict[str, Path]  # rough poses by name; at least one, none by the name "reference"
+    odometry: Path | None = None  # the vehicle's own motion, T_odometry_sensor in any frame, where it was recorded
 
     @property
     def folder(self) -> Path:

@@ -188,9 +188,9 @@ def report_demo(folder: Path, bench: Bench, results: DemoResults, *, seed: int, 
         progress("drawing", number, len(steps))
     path, found = folder / "report.html", [statistics(rows) for rows in results.near]
     page = {
-        "title": "maxcon demo: a simulated street", "headline": _headline(found[-1]), "methods": DEMO_METHODS,
-        "results": found, **drawn, "facts": _facts(bench), "command": f"maxcon demo --epochs {n_epochs} --seed {seed}",
-        "version": __version__, "seed": seed,
+        "title": "maxcon demo: a simulated street", "methods": DEMO_METHODS, "results": found, **drawn,
+        "space": DEMO_METHODS[HELMERT].space, "n_tiles": len(bench.maps[STANDARD].tile_keys), "n_scans": n_epochs,
+        "command": f"maxcon demo --epochs {n_epochs} --seed {seed}", "version": __version__, "seed": seed,
     }  # fmt: skip
     write_page(path, "demo.html.j2", page)
     return path
@@ -270,21 +270,3 @@ def worst_of_the_count(count: MethodRows, helmert: MethodRows) -> int:
     distances = count.numbers("distance")
     is_shown = ~np.isnan(distances) & (count.numbers("is_success") == 0.0) & (helmert.numbers("is_success") == 1.0)
     return int(np.nanargmax(np.where(is_shown, distances, np.nan) if is_shown.any() else distances))
-
-
-def _headline(best: MethodStatistics) -> str:
-    return (
-        f"{best.n_epochs} simulated VLP-16 scans were localized in a simulated mobile-mapping cloud, from"
-        " priors wrong by up to 2.5 m in x and y and 1.8 degrees. Helmert's score, a voxel counting once, put"
-        f" {best.n_success} of them within 0.3 m and 1 degree of the reference."
-    )
-
-
-def _facts(bench: Bench) -> dict[str, str]:
-    space, n_tiles = DEMO_METHODS[HELMERT].space, len(bench.maps[STANDARD].tile_keys)
-    n_headings, ny, nx = space.shape
-    return {
-        "Map": f"{n_tiles} tiles of voxels of {space.cell_edge:g} m, from clouds of a mapping vehicle",
-        "Search": f"{n_headings} headings x {ny} x {nx} cells: {space.n_cells:,} poses per epoch, none left out",
-        "Scans": f"{len(bench.scans)} epochs of a VLP-16 with 3 cm noise; other cars are parked than in the map",
-    }

@@ -30,32 +30,23 @@ class Distinctness:
     """How distinct a peak is, by four measures that do not depend on the unit of the score (design, section 4).
 
     All are NaN where the highest score is 0: there is no peak.
-
-    peak_ratio: score of the second peak over that of the peak, 0 to 1; lower is more distinct. The second peak is the
-        highest local maximum farther from the peak than 0.3 m, at any heading; 0 where there is none.
-    kurtosis: fourth standardized moment of the scores along the significant ray, taken as a distribution over the
-        offset: 1.8 for many equal scores, 3 for a Gaussian; NaN where a single place has all the score.
-    divergence: Kullback-Leibler divergence of the same distribution from a Laplace distribution with a standard
-        deviation of 1 cell about the peak, nats; lower is more distinct. NaN where the ray is one cell long.
-    spread: largest horizontal distance from the peak to a cell of any heading that reaches 90 % of its score, m.
     """
 
+    # Score of the second peak, the highest local maximum beyond 0.3 m at any heading, over that of the peak, 0 to 1
     peak_ratio: float
+    # Of the scores along the significant ray as a distribution over the offset: 1.8 for many equal scores, 3 for a
+    # Gaussian; NaN where a single place has all the score
     kurtosis: float
-    divergence: float
-    spread: float
+    divergence: float  # of the same from a Laplace distribution, sigma = 1 cell, nats; NaN where the ray is one cell
+    spread: float  # largest horizontal distance from the peak to a cell that reaches 90 % of its score, m
 
 
 def distinctness(accumulator: Accumulator, objective: Objective, scores: Scores | None = None) -> Distinctness:
-    """Return measures of how distinct the best cell is.
+    """Return measures of how distinct the best cell is; `scores` are the objective's, where they are known already.
 
     The ray ends where the search space ends, so kurtosis and divergence depend on where in the space the peak lies:
-    compare objectives on the same accumulator. The paper's search spaces are centred on the reference.
-
-    accumulator: moments of all cells.
-    objective: what a cell is worth. ArrayError if scores are negative or not finite: a fraction of the peak needs a
-        zero that means "nothing". They are not shifted, as the measures would depend on the lowest cell then.
-    scores: ``accumulator.score(objective)``, where it is known already; `objective` is not used then.
+    compare objectives on the same accumulator. ArrayError if scores are negative or not finite: a fraction of the peak
+    needs a zero that means "nothing".
     """
     space = accumulator.space
     scores = _checked(accumulator.score(objective) if scores is None else scores, space)
@@ -77,12 +68,9 @@ def significant_ray(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the scores along the least determined direction through a cell, and where they are (design, section 4).
 
-    The line lies in the heading plane of the cell and points along the eigenvector of the cell's normal matrix N with
-    the smallest eigenvalue: that of the largest of Q, but it exists where N is singular, too. Where N prefers no
-    direction (no matches, or equal eigenvalues) it is the y axis.
-
-    Returns distances from the cell, a cell edge apart, as far as the search space goes, shape (k,), m, positive towards
-    +x, or towards +y where the line is the y axis; and the scores there, interpolated bilinearly, shape (k,).
+    The line lies in the heading plane of the cell and points along the eigenvector of N with the smallest eigenvalue;
+    where N prefers no direction it is the y axis. Returns distances from the cell, a cell edge apart, shape (k,), m,
+    positive towards +x, or +y where the line is the y axis; and the scores there, interpolated bilinearly, shape (k,).
     """
     from scipy.ndimage import map_coordinates
 

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError
 from maxcon.map import PointMap
-from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
-from maxcon.plotting.from_above import Window, map_figure
+from maxcon.plotting.figure import INK, MUTED, SERIES, Window, map_figure, saved_figure
 from maxcon.scan.trajectory import Trajectory
 
 # More arrows than this cover each other.

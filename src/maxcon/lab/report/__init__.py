@@ -7,6 +7,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, Self
@@ -26,9 +27,8 @@ class Picture:
 
     @classmethod
     def of(cls, name: str, path: Path, **values: object) -> Self:
-        """Return a picture with the words of that name in `captions.toml`, and values in them."""
-        words = tomllib.loads(resources.files(__name__).joinpath("captions.toml").read_text(encoding="utf-8"))[name]
-        title, caption, alt = (words[part].format(**values) for part in ("title", "caption", "alt"))
+        """Return a picture with the words of that name in `words.toml`, and values in them."""
+        title, caption, alt = (page_words()[name][part].format(**values) for part in ("title", "caption", "alt"))
         return cls(title, caption, alt, path)
 
     @property
@@ -36,6 +36,12 @@ class Picture:
         """The picture as a data URI, to be embedded in a page."""
         kind = {".png": "image/png", ".svg": "image/svg+xml"}[self.path.suffix]
         return f"data:{kind};base64,{base64.b64encode(self.path.read_bytes()).decode('ascii')}"
+
+
+@cache
+def page_words() -> dict[str, Any]:
+    """Return the words of pictures, of tables and of claims (`words.toml`)."""
+    return tomllib.loads(resources.files(__name__).joinpath("words.toml").read_text(encoding="utf-8"))
 
 
 def check_jinja2() -> None:

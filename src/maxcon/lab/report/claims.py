@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from maxcon.lab.evaluation import SUCCESS_DISTANCE, SUCCESS_WORDS
+from maxcon.lab.report import page_words
 from maxcon.lab.report.charts import Floats
 from maxcon.lab.study import MethodRows, MethodStatistics, statistics
 from maxcon.lab.study.table import in_common
@@ -64,26 +65,16 @@ def paper_claims(methods: Methods, cell: float, centred: Methods | None = None) 
     found = {name: statistics(rows) for name, rows in methods.items()}
     along_ray, where = (centred, "Around the reference, ") if centred else (methods, "Around this prior, ")
     checks: dict[str, Callable[[], _Finding]] = {
-        "Maximum consensus with Helmert's score always finds the true pose: 3001 of 3001 epochs.": (
-            lambda: _helmert_succeeds(found)
-        ),
-        "The count fails in some epochs, where the density of the map is uneven.": lambda: _count_fails(found),
-        "ICP from 5 × 5 starts 1 m apart around the true pose fails in more than 20 % of the epochs: not all starts"
-        " end there. (The gate is not stated.)": lambda: _icp_fails(found),
-        "The ratio of second highest to highest score is lower for Helmert's score in general; some critical epochs"
-        " remain.": lambda: _compared(methods, "peak_ratio", "Median ratio", operator.lt),
-        "The kurtosis along the significant ray is much higher for Helmert's score.": (
-            lambda: _compared(along_ray, "kurtosis", f"{where}median kurtosis", operator.gt, factor=MUCH)
-        ),
-        "The divergence from a Laplace distribution is lower for Helmert's score.": (
-            lambda: _compared(along_ray, "divergence", f"{where}median divergence", operator.lt)
-        ),
-        "Only neighbours of the best cell reach 90 % of Helmert's highest score; for the count such cells lie all"
-        " over the search space.": lambda: _spread(methods, cell),
-        "The accuracy of maximum consensus is limited by its cells; ICP, where its correspondences are right, is"
-        " more accurate.": lambda: _precision(methods),
+        "helmert": lambda: _helmert_succeeds(found),
+        "count": lambda: _count_fails(found),
+        "icp": lambda: _icp_fails(found),
+        "ratio": lambda: _compared(methods, "peak_ratio", "Median ratio", operator.lt),
+        "kurtosis": lambda: _compared(along_ray, "kurtosis", f"{where}median kurtosis", operator.gt, factor=MUCH),
+        "divergence": lambda: _compared(along_ray, "divergence", f"{where}median divergence", operator.lt),
+        "spread": lambda: _spread(methods, cell),
+        "precision": lambda: _precision(methods),
     }
-    return [_checked(paper, check) for paper, check in checks.items()]
+    return [_checked(page_words()["claims"][name], check) for name, check in checks.items()]
 
 
 def _checked(paper: str, check: Callable[[], _Finding]) -> Claim:

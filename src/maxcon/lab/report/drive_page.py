@@ -34,8 +34,7 @@ from maxcon.lab.report.certainty_plots import ErrorRow, plot_timeline
 from maxcon.lab.report.charts import Floats
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import MOST_HALF_WIDTH, PRIOR_COLOR, draw_points, half_width_of, is_off_the_ground
-from maxcon.plotting.figure import INK, SERIES
-from maxcon.plotting.from_above import Window, map_figure, round_length
+from maxcon.plotting.figure import INK, SERIES, Window, map_figure, round_length
 from maxcon.refine.adjustment import table_around
 from maxcon.refine.patterns import Partners
 from maxcon.refine.validation import LEVEL, N_BINS
@@ -157,6 +156,8 @@ def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: 
     """
     is_wrong, levels, rows = drive.is_wrong, drive.levels, drive.rows
     is_localized = np.array([row.pose is not None for row in rows])
+    either, variances = levels.max(axis=1), drive.covariances[:, 0, 0] + drive.covariances[:, 1, 1]
+    variances = variances[np.isfinite(variances)]
     numbers = np.flatnonzero(is_localized)
     chosen = numbers[np.linspace(0, len(numbers) - 1, min(N_FACED, len(numbers))).round().astype(int)]
     faced = ((epoch, drive.answer(epoch)) for epoch in chosen.tolist())
@@ -164,9 +165,13 @@ def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: 
         drawn = Path(folder)
         page = {
             "title": title,
-            "headline": _headline(is_localized, is_wrong, levels),
+            "n": len(rows),
+            "n_localized": int(is_localized.sum()),
+            "n_wrong": int((is_localized & is_wrong).sum()),
+            "level": Quantiles.of(either[np.isfinite(either)]),
             "facts": facts,
-            "map_words": _map_words(drive.point_map.sigma, drive.covariances),
+            "sigma": drive.point_map.sigma,
+            "ratio": min(1.0, 2.0 * drive.point_map.sigma**2 / float(np.median(variances))) if len(variances) else None,
             "above": _from_above(drawn / "above.png", drive),
             "statuses": _statuses(rows),
             "left_out": [(n, drive.scans.name(n), rows[n]) for n in np.flatnonzero(~is_localized)[:MOST_LISTED]],
@@ -200,28 +205,6 @@ def worst_epochs(is_localized: NDArray[np.bool_], is_wrong: NDArray[np.bool_], l
 
 
 # --- words and tables ------------------------------------------------------------------------------------------
-
-
-def _headline(is_localized: NDArray[np.bool_], is_wrong: NDArray[np.bool_], levels: Floats) -> str:
-    words = f"{is_localized.sum():,} of {len(is_localized):,} scans are localized."
-    either = levels.max(axis=1)
-    if np.isfinite(either).any():
-        words += f" Protection levels: {np.nanmedian(either):.2f} m in the median, {np.nanmax(either):.2f} m at most."
-    n_wrong = int((is_localized & is_wrong).sum())
-    return words + (f" Farther than {SUCCESS_WORDS} from the reference: {n_wrong}." if n_wrong else "")
-
-
-def _map_words(sigma: float, covariances: Floats) -> str:
-    """What the map's sigma makes of the covariances."""
-    variance = covariances[:, 0, 0] + covariances[:, 1, 1]
-    if not np.isfinite(variance).any():
-        return "No answer has a covariance."
-    ratio = min(1.0, 2.0 * sigma**2 / float(np.nanmedian(variance)))
-    return (
-        f"Every covariance here contains the map's own sigma of {sigma:g} m: it makes {100.0 * ratio:.0f} % of the"
-        " variance of x and y in the median. If the map is off by more than that, so are the poses, and nothing in a"
-        " scan can tell."
-    )
 
 
 def _statuses(rows: Sequence[PoseRow]) -> list[dict[str, Any]]:

@@ -14,8 +14,18 @@ from maxcon.lab.distinctness import GUARD_RADIUS
 from maxcon.lab.report.charts import METHOD_STYLES, Floats, MethodStyle, draw_grid, draw_legend, draw_number_ticks
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import draw_points, half_width_of, is_off_the_ground
-from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
-from maxcon.plotting.from_above import SIDE, Window, draw_map, draw_scale_bar, map_figure, map_patch
+from maxcon.plotting.figure import (
+    INK,
+    MUTED,
+    SERIES,
+    SIDE,
+    Window,
+    draw_map,
+    draw_scale_bar,
+    map_figure,
+    map_patch,
+    saved_figure,
+)
 from maxcon.plotting.score_panel import (
     COLOR_POWER,
     COLORS,

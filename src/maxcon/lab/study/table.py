@@ -140,25 +140,18 @@ class MethodRows:
 class MethodStatistics:
     """Statistics of one method with one prior over all its epochs, the rows.
 
-    n_tried: epochs that say something about the method: the reference is known, the scan could be read, and the start
-        lay inside the map.
-    n_success: within 0.3 m and 1 degree of the reference, trusted or not; of several starts: all.
-    n_localized: epochs whose pose the method itself calls localized.
-    n_false: of these, how many are no success.
-    statuses: how often each status came.
-    distance ... ms: quantiles of the absolute values of these columns; NaN where the method has none.
-    n_starts, n_converged: over all epochs; 0 where the method has one start.
+    Quantiles are of the absolute values of the columns of their names; NaN where the method has none.
     """
 
     prior: str
     method: str
     n_epochs: int
-    n_tried: int
-    n_success: int
-    n_localized: int
-    n_false: int
-    statuses: dict[str, int]
-    n_starts: int
+    n_tried: int  # that say something of the method: reference known, scan read, start inside the map
+    n_success: int  # within 0.3 m and 1 degree of the reference, trusted or not; of several starts: all
+    n_localized: int  # whose pose the method itself calls localized
+    n_false: int  # of these, how many are no success
+    statuses: dict[str, int]  # how often each came
+    n_starts: int  # over all epochs; 0 where the method has one start
     n_converged: int
     distance: Quantiles
     along: Quantiles
