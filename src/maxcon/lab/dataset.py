@@ -75,20 +75,18 @@ class Dataset:
                 f" {'both' if named.map.clouds else 'neither'}. Keep one."
             )
 
-        def existing(table: str, key: str) -> Path:
-            values = getattr(named, table)
-            return _existing(file, table, key, values[key] if table == "priors" else getattr(values, key))
+        def part(table: str, key: str, name: str | None) -> Path | None:
+            return None if name is None else _existing(file, table, key, name)
 
-        def optional(table: str, key: str) -> Path | None:
-            return None if getattr(getattr(named, table), key) is None else existing(table, key)
-
+        of_map, of_scans = named.map, named.scans
         return cls(
-            path=file, map_clouds=_clouds(file, named.map.clouds or ()), map_path=optional("map", "path"),
-            map_trajectory=optional("map", "trajectory"), crs=named.map.crs, drop=named.map.drop,
-            vehicle_classes=named.map.vehicle_classes or (), normals_have_sides=bool(named.map.normals_have_sides),
-            map_sigma=named.map.sigma, scans=existing("scans", "folder"), times=optional("scans", "times"),
-            reference=existing("scans", "reference"), odometry=optional("scans", "odometry"),
-            priors={name: existing("priors", name) for name in named.priors},
+            path=file, map_clouds=_clouds(file, of_map.clouds or ()), map_path=part("map", "path", of_map.path),
+            map_trajectory=part("map", "trajectory", of_map.trajectory), crs=of_map.crs, drop=of_map.drop,
+            vehicle_classes=of_map.vehicle_classes or (), normals_have_sides=bool(of_map.normals_have_sides),
+            map_sigma=of_map.sigma, scans=_existing(file, "scans", "folder", of_scans.folder),
+            times=part("scans", "times", of_scans.times), odometry=part("scans", "odometry", of_scans.odometry),
+            reference=_existing(file, "scans", "reference", of_scans.reference),
+            priors={name: _existing(file, "priors", name, path) for name, path in named.priors.items()},
         )  # fmt: skip
 
     def open_scans(self) -> Scans:

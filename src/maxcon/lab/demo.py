@@ -17,7 +17,6 @@ from maxcon.errors import MissingExtraError
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.report import Picture, check_jinja2, write_page
 from maxcon.lab.report.charts import plot_error_distributions
-from maxcon.lab.report.paper_figures import ComparisonRow, plot_comparison
 from maxcon.lab.report.prior_error import plot_prior_error
 from maxcon.lab.report.study_scenes import Scenes
 from maxcon.lab.simulation import PriorErrors, simulate
@@ -40,7 +39,6 @@ from maxcon.localizer import MaximumConsensus
 from maxcon.mapping.build import build_map
 from maxcon.plotting import plot_drive
 from maxcon.plotting.figure import check_matplotlib
-from maxcon.plotting.score_panel import SearchSpaceView
 from maxcon.search.objectives import Count, Helmert
 from maxcon.search.space import SearchSpace
 
@@ -252,17 +250,10 @@ class DemoPictures:
 
     def _compared(self, stem: str, title: str, epochs: dict[str, int]) -> Path:
         """Draw epochs by the paper's two methods and the default."""
-        rows = []
-        for where, epoch in epochs.items():
-            views = []
-            for name in (COUNT_POINTS, HELMERT_POINTS, HELMERT):
-                method = DEMO_METHODS[name]
-                scan, accumulator, _ = self.scenes.search(epoch, method)
-                views.append(SearchSpaceView(accumulator, method.cell_search.objective, name))
-            reference = self.scenes.poses(epoch)[1]
-            rows.append(ComparisonRow(f"epoch {epoch}, {where}", scan, self.scenes.point_map, reference, views))
-        plot_comparison(self.folder / f"{stem}.png", rows, title=title)
-        return self.folder / f"{stem}.png"
+        path = self.folder / f"{stem}.png"
+        methods = [(name, DEMO_METHODS[name]) for name in (COUNT_POINTS, HELMERT_POINTS, HELMERT)]
+        self.scenes.compare(path, epochs, methods, title)
+        return path
 
 
 def worst_of_the_count(count: MethodRows, helmert: MethodRows) -> int:

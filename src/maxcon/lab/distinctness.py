@@ -55,11 +55,12 @@ def distinctness(accumulator: Accumulator, objective: Objective, scores: Scores 
         return Distinctness(math.nan, math.nan, math.nan, math.nan)
     offsets, along = significant_ray(accumulator, scores, peak)
     places, fractions = offsets / space.cell_edge, along / along.sum()
+    _, iy, ix = np.nonzero(scores >= SPREAD_RATIO * scores[peak])
     return Distinctness(
         peak_ratio=peak_ratio(scores, peak, space, GUARD_RADIUS),
         kurtosis=_kurtosis(places, fractions),
         divergence=_divergence(places, fractions),
-        spread=_spread(scores, peak, space),
+        spread=float(np.hypot(iy - peak[1], ix - peak[2]).max()) * space.cell_edge,
     )
 
 
@@ -79,7 +80,8 @@ def significant_ray(
     _, ny, nx = scores.shape
     x_step, y_step = _least_determined(accumulator.normal_matrix(cell))
     steps = np.arange(-(nx + ny), nx + ny + 1)
-    x, y = _snapped(ix + steps * x_step), _snapped(iy + steps * y_step)
+    places = np.array([ix + steps * x_step, iy + steps * y_step])
+    x, y = np.where(np.abs(places - np.rint(places)) < ON_THE_GRID, np.rint(places), places)
     is_inside = (x >= 0.0) & (x <= nx - 1) & (y >= 0.0) & (y <= ny - 1)
     along = map_coordinates(scores[heading], [y[is_inside], x[is_inside]], order=1)
     return steps[is_inside] * accumulator.space.cell_edge, along
@@ -107,12 +109,6 @@ def _least_determined(normal_matrix: NDArray[np.float64]) -> tuple[float, float]
     return (x, y) if x > 0.0 else (-x, -y)
 
 
-def _snapped(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places, in cells, rounded to whole cells where only rounding errors keep them off."""
-    nearest = np.rint(places)
-    return np.where(np.abs(places - nearest) < ON_THE_GRID, nearest, places)
-
-
 def _kurtosis(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> float:
     """Fourth central moment over the squared variance of a distribution; NaN where one place has it all."""
     deviations = places - fractions @ places
@@ -133,9 +129,3 @@ def _divergence(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> 
         return math.nan
     log_density = log_softmax(-LAPLACE_DECAY * np.abs(places))
     return max(0.0, float((xlogy(fractions, fractions) - fractions * log_density).sum()))  # not -1e-17
-
-
-def _spread(scores: Scores, peak: Cell, space: SearchSpace) -> float:
-    """Largest horizontal distance from the peak to a cell reaching 90 % of it, m."""
-    _, iy, ix = np.nonzero(scores >= SPREAD_RATIO * scores[peak])
-    return float(np.hypot(iy - peak[1], ix - peak[2]).max()) * space.cell_edge

@@ -13,21 +13,16 @@ from maxcon.geometry import Pose, wrap_angle
 
 SUCCESS_DISTANCE = 0.3
 SUCCESS_HEADING = math.radians(1.0)
-SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"
-"""The limits of success, in words: "within ... of the reference"."""
+SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"  # "within ... of the reference"
 
 
 @dataclass(frozen=True, slots=True)
 class PoseError:
-    """How far a pose is from the reference, in x, y and heading.
+    """How far a pose is from the reference, in x, y and heading, signed."""
 
-    along, across: in the direction of the reference's heading, and to the left of it, signed, m.
-    heading: counter-clockwise, signed, rad.
-    """
-
-    along: float
-    across: float
-    heading: float
+    along: float  # in the direction of the reference's heading, m
+    across: float  # to the left of it, m
+    heading: float  # counter-clockwise, rad
 
     @property
     def distance(self) -> float:
@@ -142,10 +137,7 @@ class ProtectionCounts:
 
     @classmethod
     def of(cls, errors: ArrayLike, levels: ArrayLike) -> "ProtectionCounts":
-        """Count the epochs in each region, each by its worst direction.
-
-        errors, levels: shape (n,) or (n, k), of each epoch in k directions, m; a level is NaN where there is none.
-        """
+        """Count epochs by their worst direction; errors and levels, m, of shape (n,) or (n, k), NaN without a level."""
         wrong, level = (np.asarray(given, dtype=np.float64) for given in (errors, levels))
         wrong, level = (values[:, None] if values.ndim == 1 else values for values in (np.abs(wrong), level))
         has_level = np.asarray((np.isfinite(level) & np.isfinite(wrong)).all(axis=1))

@@ -194,12 +194,9 @@ SIDE = 6.6  # longer side of a map that fills a figure, inches
 
 @contextmanager
 def map_figure(
-    path: str | os.PathLike[str],
-    window: Window,
-    point_map: "PointMap | None",
-    titles: tuple[str, str],
+    path: str | os.PathLike[str], window: Window, point_map: "PointMap | None", titles: tuple[str, str],
     side: float = SIDE,
-) -> Iterator[tuple["Figure", "Axes"]]:
+) -> Iterator[tuple["Figure", "Axes"]]:  # fmt: skip
     """Yield a figure with the map of a window, its longer side about so many inches, and its axes."""
     width, height = (side * length / max(window.size) for length in window.size)
     with saved_figure(path, max(width + 2.2, 7.4), height + 2.4, *titles) as figure:

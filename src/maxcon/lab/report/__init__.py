@@ -44,10 +44,11 @@ def page_words() -> dict[str, Any]:
     return tomllib.loads(resources.files(__name__).joinpath("words.toml").read_text(encoding="utf-8"))
 
 
-def check_jinja2() -> None:
-    """Check that jinja2 is installed, before the work whose result the page is to show."""
+def check_jinja2() -> Any:
+    """Return jinja2, or say that it is missing, before the work whose result the page is to show."""
     with needs_extra("jinja2", "to write a page", "demo"):
-        import jinja2  # noqa: F401
+        import jinja2
+    return jinja2
 
 
 def write_page(path: str | os.PathLike[str], template: str, page: Mapping[str, Any]) -> None:
@@ -56,9 +57,7 @@ def write_page(path: str | os.PathLike[str], template: str, page: Mapping[str, A
     template: name of the template in `maxcon/lab/report/templates`: "demo.html.j2" or "study.html.j2".
     page: all values that the template refers to as `page`; all of them are escaped.
     """
-    check_jinja2()
-    import jinja2
-
+    jinja2 = check_jinja2()
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("maxcon.lab.report"), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,

@@ -40,61 +40,45 @@ WIDTH, ROW_WIDTH, STATUS_ROW, ERROR_ROW = 11.5, 9.5, 0.24, 1.35
 
 
 class ErrorRow(NamedTuple):
-    """One kind of error over a drive, with its predicted standard deviations and protection levels.
+    """One kind of error over a drive, shape (n,), with what was said of it; NaN where there is none."""
 
-    name, unit: name of the error ("along"), and the unit in which it is given and drawn.
-    errors, sigmas, levels: shape (n,); in that unit, errors signed; NaN where there is none.
-    """
-
-    name: str
-    unit: str
-    errors: Floats
-    sigmas: Floats
-    levels: Floats
+    name: str  # "along"
+    unit: str  # of the numbers, and as drawn
+    errors: Floats  # signed
+    sigmas: Floats  # predicted standard deviations
+    levels: Floats  # protection levels
 
     @property
     def limit(self) -> float:
         """The row is drawn from -limit to limit, a range that is not dominated by gross errors."""
-        errors, *predicted = (
-            float(np.nanquantile(values, 0.98)) if _is_any(values) else 0.0
-            for values in (np.abs(self.errors), 2.0 * self.sigmas, self.levels)
-        )
+        drawn = (np.abs(self.errors), 2.0 * self.sigmas, self.levels)
+        known = [values[~np.isnan(values)] for values in drawn]
+        errors, *predicted = (float(np.quantile(values, 0.98)) if len(values) else 0.0 for values in known)
         limit = max(errors, *predicted) or 1.0
         if errors and max(predicted):  # a few gross errors must not flatten all others
             limit = min(limit, 4.0 * max(predicted))
         return ROOM * max(limit, 1e-3)
 
 
-def _is_any(values: Floats) -> bool:
-    """Whether there is any value."""
-    return not bool(np.isnan(values).all())
-
-
-def _has_errors(rows: Sequence[ErrorRow]) -> bool:
-    """Whether any error is known: without a reference none is."""
-    return any(_is_any(row.errors) for row in rows)
+def _has(rows: Sequence[ErrorRow], name: str) -> bool:
+    """Whether any of the errors, sigmas or levels is known."""
+    return any(bool(np.isfinite(getattr(row, name)).any()) for row in rows)
 
 
 def plot_timeline(
-    path: str | os.PathLike[str],
-    epochs: Floats,
-    statuses: Sequence[str],
-    is_wrong: NDArray[np.bool_],
-    rows: Sequence[ErrorRow],
-    *,
-    title: str,
-) -> None:
+    path: str | os.PathLike[str], epochs: Floats, statuses: Sequence[str], is_wrong: NDArray[np.bool_],
+    rows: Sequence[ErrorRow], *, title: str,
+) -> None:  # fmt: skip
     """Draw a drive: a row for each status that occurs, and one for each kind of error, whether errors are known or not.
 
-    epochs: shape (n,), n > 0; numbers of the scans, rising.
-    statuses: status of each answer, as the method says.
-    is_wrong: shape (n,); bool: whether the answer is known to be beyond the limits of success.
+    epochs, statuses, is_wrong: shape (n,), n > 0; numbers of the scans, rising; as the method says; whether the answer
+        is known to be beyond the limits of success.
     """
     said = np.array(statuses)
     trusted = said == Status.LOCALIZED.value
     words = sorted(Counter(statuses), key=lambda word: (word != Status.LOCALIZED.value, -statuses.count(word)))
     lines = [(word, said == word, STATUS_COLORS.get(word, MUTED)) for word in words]
-    if _has_errors(rows):
+    if _has(rows, "errors"):
         lines.append(("trusted and wrong", trusted & is_wrong, WRONG))
     subtitle = _words(rows, len(epochs), int((trusted & is_wrong).sum()))
     # Width of the stroke of an epoch, points: without gaps between neighbours, and never too thin to be seen.
@@ -119,11 +103,11 @@ def plot_timeline(
 
 def _words(rows: Sequence[ErrorRow], n_epochs: int, n_wrong: int) -> str:
     """Return the subtitle: how many trusted answers are wrong, and what to look for."""
-    if not _has_errors(rows):
+    if not _has(rows, "errors"):
         return f"{n_epochs:,} epochs, without a reference: what the method predicts."
     wrong = "No trusted answer is wrong" if n_wrong == 0 else f"Trusted and wrong: {n_wrong:,}"
     look = "The method predicts no errors: there are no bands."
-    if any(_is_any(row.sigmas) for row in rows):
+    if _has(rows, "sigmas"):
         look = "About 95 % of the dots should lie within the band, and hardly any beyond the lines."
     return f"{n_epochs:,} epochs. {wrong} ({SUCCESS_WORDS}).\n{look}"
 
@@ -173,10 +157,10 @@ def _draw_legend(figure: "Figure", rows: Sequence[ErrorRow]) -> None:
         Line2D([], [], ls="", marker="o", ms=6, color=WITHHELD, label="error, withheld answer"),
         Line2D([], [], ls="", marker="^", ms=6, color=MUTED, label="beyond the axis"),
     ]
-    handles = handles if _has_errors(rows) else []
-    if any(_is_any(row.sigmas) for row in rows):
+    handles = handles if _has(rows, "errors") else []
+    if _has(rows, "sigmas"):
         handles.append(Line2D([], [], color=BAND, lw=7, label="±2 predicted sigmas"))
-    if any(_is_any(row.levels) for row in rows):
+    if _has(rows, "levels"):
         handles.append(Line2D([], [], color=INK, lw=0.9, label="protection level"))
     figure.legend(handles=handles, loc="outside lower left", ncols=len(handles))
 

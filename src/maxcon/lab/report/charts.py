@@ -3,9 +3,7 @@
 """Charts of several methods: how each is drawn, legends, grids, round numbers; the distributions of their errors."""
 
 import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -68,17 +66,6 @@ def draw_legend(figure: "Figure", handles: Sequence[Any], labels: Sequence[str],
     return legend
 
 
-@contextmanager
-def method_chart(
-    path: str | os.PathLike[str], labels: Sequence[str], titles: tuple[str, str]
-) -> Iterator[tuple["Axes", list[Any]]]:
-    """Yield axes in a figure with a legend of methods below, and a list for the legend's handles."""
-    with saved_figure(path, 9.2, 6.4, *titles) as figure:
-        handles: list[Any] = []
-        yield figure.subplots(), handles
-        draw_legend(figure, handles, labels)
-
-
 def draw_number_ticks(axis: Any, low: float, high: float, least: float = 0.0) -> None:
     """Write 1, 2 and 5 times the powers of ten on a logarithmic axis; fewer over more than 3 decades.
 
@@ -112,7 +99,8 @@ def plot_error_distributions(path: Path, errors_by_method: Mapping[str, Floats])
         " Below: shares within it."
     )
     labels = [_distribution_label(name, values) for name, values in errors_by_method.items()]
-    with method_chart(path, labels, ("How many epochs stay within which error", words)) as (axes, handles):
+    with saved_figure(path, 9.2, 6.4, "How many epochs stay within which error", words) as figure:
+        axes, handles = figure.subplots(), []
         for number, (style, errors) in enumerate(zip(METHOD_STYLES, errors_by_method.values(), strict=False)):
             limits = np.unique([LEAST, *errors[(errors > LEAST) & (errors < MOST)], MOST])
             handles += axes.plot(
@@ -126,6 +114,7 @@ def plot_error_distributions(path: Path, errors_by_method: Mapping[str, Floats])
         axes.set_ylabel("share of all epochs with at most this error [%]")
         axes.axvline(SUCCESS_DISTANCE, color=INK, lw=1.1, ls=DASHES, zorder=2)
         draw_grid(axes, which="major")
+        draw_legend(figure, handles, labels)
     return Picture.of("errors", Path(path))
 
 

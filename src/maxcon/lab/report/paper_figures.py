@@ -296,6 +296,8 @@ def plot_kurtosis_map(
         not defined.
     point_map: drawn below, in grey.
     """
+    from matplotlib.lines import Line2D
+
     window = Window.with_room(places)
     spacing = 1.1 * LARGE / 72.0 / SIDE * max(window.size)
     shown = spaced_epochs(places, spacing)
@@ -312,7 +314,9 @@ def plot_kurtosis_map(
         if limits[1] > SKEWED * limits[0]:
             draw_number_ticks(bar.yaxis, *limits)
         labels = [f"large: {large[0]}", f"small: {small[0]}", "white: not defined"]
-        draw_legend(figure, _legend_circles(), labels)
+        looks = ((LARGE, "#b9bec8"), (SMALL, "#b9bec8"), (SMALL, "white"))
+        marks = [Line2D([], [], ls="", marker="o", ms=size, mfc=face, mec=INK, mew=0.5) for size, face in looks]
+        draw_legend(figure, marks, labels)
 
 
 def _draw_circles(axes: "Axes", places: Floats, small: Floats, large: Floats, shown: list[int]) -> "ScalarMappable":
@@ -334,13 +338,3 @@ def _draw_circles(axes: "Axes", places: Floats, small: Floats, large: Floats, sh
             edgecolors=list(np.where(np.isnan(kurtosis), INK, edge)), linewidths=0.7, zorder=layer,
         )  # fmt: skip
     return colors
-
-
-def _legend_circles() -> "list[Line2D]":
-    """Return a large, a small and an empty circle for the legend."""
-    from matplotlib.lines import Line2D
-
-    return [
-        Line2D([], [], ls="", marker="o", ms=diameter, mfc=face, mec=INK, mew=0.5)
-        for diameter, face in ((LARGE, "#b9bec8"), (SMALL, "#b9bec8"), (SMALL, "white"))
-    ]

@@ -24,8 +24,6 @@ Levels = Mapping[str, Sequence[MethodStatistics]]
 LABELS = ("right [%]", "wrong, but\ncalled good [%]", "one epoch,\nmedian [ms]")
 LEAST_MS = 0.1  # shorter times, ms, are drawn at this one: the axis is logarithmic
 MOST_BINS = 8
-
-
 DOTTED, SOLID, DASHED = (0.0, (1.2, 1.2)), (0.0, None), (0.0, (6.0, 2.0))
 
 

@@ -80,8 +80,11 @@ def report_study(
     space = space_of(study.configuration.methods, HELMERT) or SearchSpace.paper()
     numbers = {name: [statistics(rows) for rows in methods.values()] for name, methods in by_prior.items()}
     page_of = {
-        "title": f"maxcon study: {_name(study)}", "headline": _headline(methods, prior),
-        "facts": _facts(study, methods), "claims": paper_claims(methods, space.cell_edge, by_prior.get(REFERENCE)),
+        "title": f"maxcon study: {_name(study)}", "name": _name(study), "prior": prior,
+        "success": SUCCESS_WORDS, "table": study.table,
+        "main": [statistics(methods[name]) for name in _main_methods(methods)],
+        "epochs": {epoch for rows in methods.values() for epoch in rows.numbers("epoch").tolist()},
+        "study": study.configuration, "claims": paper_claims(methods, space.cell_edge, by_prior.get(REFERENCE)),
         "tables": [table for name, found in numbers.items() for table in method_tables(name, found)],
         "scenes": drawn, "statistics": pictures, "certainty": certainty, "notes": notes,
         "reasons": _reasons(by_prior), "configuration": json.dumps(study.configuration.runs, indent=1),
@@ -119,13 +122,9 @@ def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
     return notes
 
 
-def _headline(methods: dict[str, MethodRows], prior: str) -> str:
-    """Return the successes of the main methods as a sentence."""
+def _main_methods(methods: dict[str, MethodRows]) -> list[str]:
     known = ("maxcon", HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
-    names = [*own_methods(methods), *(name for name in known if name in methods)] or list(methods)[:6]
-    found = [statistics(methods[name]) for name in names]
-    words = "; ".join(f"{method.method} {method.n_success:,} of {method.n_epochs:,}" for method in found)
-    return f"Epochs within {SUCCESS_WORDS} of the reference, from the prior “{prior}”: {words}."
+    return [*own_methods(methods), *(name for name in known if name in methods)] or list(methods)[:6]
 
 
 def _command(study_folder: str | os.PathLike[str], path: str | os.PathLike[str], **options: object) -> str:
@@ -140,19 +139,6 @@ def _name(study: Study) -> str:
     """Name of the dataset: that of its folder, or of its description if that has not the usual name."""
     path = Path(study.configuration.dataset)
     return path.parent.name if path.name == DESCRIPTION else path.stem
-
-
-def _facts(study: Study, methods: dict[str, MethodRows]) -> dict[str, str]:
-    epochs = {epoch for rows in methods.values() for epoch in rows.numbers("epoch").tolist()}
-    n_runs = len(study.configuration.runs)
-    seconds = sum(float(run.get("seconds", 0.0)) for run in study.configuration.runs)
-    return {
-        "Dataset": _name(study),
-        "Epochs": f"{len(epochs):,} of {study.configuration.n_scans:,} scans",
-        "Methods": f"{len(study.configuration.methods)}",
-        "Rows": f"{len(study.table):,}",
-        "Time": f"{seconds / 60.0:.1f} min, {n_runs} run{'s' * (n_runs != 1)}",
-    }
 
 
 def _reasons(by_prior: dict[str, dict[str, MethodRows]]) -> tuple[tuple[str, int], ...]:

@@ -3,7 +3,7 @@
 """Single epochs of a dataset, searched again for a page: all headings, count beside Helmert."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -15,7 +15,7 @@ from maxcon.errors import FileError, MaxconError
 from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.report import Picture
+from maxcon.lab.report import Picture, page_words
 from maxcon.lab.report.claims import HELMERT
 from maxcon.lab.report.paper_figures import ComparisonRow, plot_comparison
 from maxcon.lab.study import MethodRows, Study, known_methods
@@ -63,13 +63,6 @@ def pick_epochs(count: MethodRows, helmert: MethodRows) -> dict[str, int]:
     return picked | ({"count fails": int(epochs[np.argmax(errors)])} if errors.any() else {})
 
 
-SHOWN_BECAUSE = {
-    "crossing": "where the count is the most distinct",
-    "street": "where the count is right and the least distinct",
-    "count fails": "where the count is farthest off while Helmert's score is right",
-}
-
-
 @dataclass(frozen=True, eq=False)
 class Scenes:
     """Epochs of a dataset, searched again for pictures, around the prior of that name, by `method` or another."""
@@ -106,19 +99,18 @@ class Scenes:
             point_map=self.point_map, title=title, reference=self.poses(epoch)[1],
         )  # fmt: skip
 
-    def compare(self, path: Path, epochs: Mapping[str, int]) -> Picture:
-        """Draw crossing and street, and where the count fails, count beside Helmert (the paper's figure 4)."""
-        rows, words, own = [], [], self.objective
-        objectives = [*(() if isinstance(own, Helmert) else (own,)), Count(), Helmert()]
-        for label, epoch in epochs.items():
-            scan, accumulator, _ = self.search(epoch)
-            views = [SearchSpaceView(accumulator, each) for each in objectives]
-            named = f"{label}, epoch {epoch}"
-            rows.append(ComparisonRow(named, scan, self.point_map, self.poses(epoch)[1], views))
-            words.append(f"epoch {epoch}, {SHOWN_BECAUSE[label]}")
-        scores = " beside ".join(title_of(each) for each in objectives)
-        plot_comparison(path, rows, title=scores)
-        return Picture.of("comparison", path, rows="; ".join(words), scores=scores)
+    def compare(
+        self, path: Path, epochs: Mapping[str, int], methods: Sequence[tuple[str, MaximumConsensus]], title: str
+    ) -> None:
+        """Draw epochs, by what is special about each, as methods with names see them (the paper's figure 4)."""
+        rows = []
+        for where, epoch in epochs.items():
+            scan, views = Scan(np.empty((0, 3))), []
+            for name, method in methods:
+                scan, accumulator, _ = self.search(epoch, method)
+                views.append(SearchSpaceView(accumulator, method.cell_search.objective, name))
+            rows.append(ComparisonRow(f"epoch {epoch}, {where}", scan, self.point_map, self.poses(epoch)[1], views))
+        plot_comparison(path, rows, title=title)
 
 
 def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) -> SearchSpace | None:
@@ -177,13 +169,19 @@ def draw_scenes(folder: Path, scenes: Scenes, methods: Mapping[str, MethodRows],
     if not epochs:
         notes.append(f"No scenes: no epoch where both {names[0]} and {names[1]} succeed.")
         return []
-    path, crossing = folder / "headings.svg", epochs["crossing"]
+    own, because = scenes.objective, page_words()["comparison"]
+    objectives = [*(() if isinstance(own, Helmert) else (own,)), Count(), Helmert()]
+    compared = [(title_of(each), replace(scenes.method, objective=each)) for each in objectives]
+    scores = " beside ".join(name for name, _ in compared)
+    rows = "; ".join(f"epoch {epoch}, {because[label]}" for label, epoch in epochs.items())
+    headings, comparison, crossing = folder / "headings.svg", folder / "comparison.svg", epochs["crossing"]
     try:
-        scenes.draw_epoch(path, crossing, f"Epoch {crossing}: every heading")
-        return [
-            Picture.of("headings", path, score=title_of(scenes.objective)),
-            scenes.compare(folder / "comparison.svg", epochs),
-        ]
+        scenes.draw_epoch(headings, crossing, f"Epoch {crossing}: every heading")
+        scenes.compare(comparison, epochs, compared, scores)
     except MaxconError as error:
         notes.append(f"Scenes are missing: {error}")
         return []
+    return [
+        Picture.of("headings", headings, score=title_of(own)),
+        Picture.of("comparison", comparison, rows=rows, scores=scores),
+    ]

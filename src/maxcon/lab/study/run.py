@@ -68,25 +68,15 @@ class Configuration:
         cls, dataset: Dataset, n_scans: int, options: DriveOptions, methods: Sequence[StudyMethod]
     ) -> "Configuration":
         """Return the configuration of a study that begins."""
-        return cls(
-            __version__,
-            str(dataset.path.resolve()),
-            dataset_parts(dataset),
-            n_scans,
-            describe(asdict(options)),
-            {
-                method.name: {
-                    "method": describe(method.method),
-                    "map": method.map_name,
-                    "starts": "around the reference" if method.around_reference else "from the prior",
-                }
-                for method in methods
-            },
-            {
-                name: {"path": str(dataset.map_path)} if dataset.map_path else MAP_VARIANTS[name]
-                for name in dict.fromkeys(method.map_name for method in methods)
-            },
-        )
+        starts = {True: "around the reference", False: "from the prior"}
+        described = {
+            one.name: {"method": describe(one.method), "map": one.map_name, "starts": starts[one.around_reference]}
+            for one in methods
+        }
+        built = None if dataset.map_path is None else {"path": str(dataset.map_path)}
+        maps = {one.map_name: built or MAP_VARIANTS[one.map_name] for one in methods}
+        parts, path = dataset_parts(dataset), str(dataset.path.resolve())
+        return cls(__version__, path, parts, n_scans, describe(asdict(options)), described, maps)
 
     @classmethod
     def read(cls, folder: Path) -> "Configuration":
