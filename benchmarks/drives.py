@@ -8,8 +8,9 @@ Maps of clouds are built once, in the folder of a benchmark's results: two bench
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from maxcon import PointMap
+from maxcon import PointMap, Scan, open_scans, read_trajectory
 from maxcon.lab.dataset import DESCRIPTION, Dataset
+from maxcon.lab.study import Study
 from maxcon.lab.study.bench import REFERENCE, Bench
 from maxcon.lab.study.methods import STANDARD, make_maps
 from maxcon.lab.study.prior_trials import prior_at
@@ -64,3 +65,26 @@ def prior_and_reference(bench, map_name, epoch, level, seed):
     true_pose = bench.priors[REFERENCE].at(float(bench.scans.times[epoch]))
     reference = bench.maps[map_name].frame.pose_to_local(true_pose)
     return prior_at(reference, level, seed, epoch), reference
+
+
+def bench_of_study(folder):
+    """A study, and the scans, poses and standard map that it was made with."""
+    study = Study.open(folder)
+    dataset = Dataset.open(study.configuration.dataset)
+    return study, Bench.open(dataset, {STANDARD: dataset.map_path or study.folder / "maps" / f"{STANDARD}.map"})
+
+
+def add_known_drive(parser, every):
+    """Arguments of a drive whose poses are known: MAP SCANS --reference REFERENCE [--every N]."""
+    parser.add_argument("map")
+    parser.add_argument("scans")
+    parser.add_argument("--reference", required=True)
+    parser.add_argument("--every", type=int, default=every, metavar="N", help="take each N-th scan")
+
+
+def known_drive(options):
+    """The map of such a drive, and its scans, each with the pose held for true, local frame."""
+    point_map, scans = PointMap.open(options.map), open_scans(options.scans)
+    reference = read_trajectory(options.reference)
+    raws = (scans.read(epoch, 1.0, 120.0) for epoch in range(0, len(scans), options.every))
+    return point_map, [(Scan(raw.points), point_map.frame.pose_to_local(reference.at(raw.time))) for raw in raws]

@@ -11,11 +11,10 @@ cell within 12 cm and one heading of the reference; and the same of the score wh
 import argparse
 
 import numpy as np
+from drives import bench_of_study
 
 import maxcon
-from maxcon.lab.dataset import Dataset
-from maxcon.lab.study import Study, rows_by_method
-from maxcon.lab.study.bench import Bench
+from maxcon.lab.study import rows_by_method
 from maxcon.lab.study.methods import AS_PUBLISHED
 
 OBJECTIVES = {"count-points": maxcon.Count(), "helmert-points": maxcon.Helmert()}
@@ -50,9 +49,7 @@ def main():
     parser.add_argument("study")
     parser.add_argument("--prior", default="gnss")
     arguments = parser.parse_args()
-    study = Study.open(arguments.study)
-    dataset = Dataset.open(study.configuration.dataset)
-    bench = Bench.open(dataset, {"standard": dataset.map_path or study.folder / "maps" / "standard.map"})
+    study, bench = bench_of_study(arguments.study)
     print("| method | lost epochs | points per voxel, wrong over right | matched voxels | score, a voxel once |")
     print("|---|---|---|---|---|")
     for rows in rows_by_method(study.table):

@@ -13,11 +13,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from drives import add_known_drive, known_drive
 from header import header
 
 import maxcon
-from maxcon.io.scans import open_scans
-from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.evaluation import pose_error
 
 # How far the prior is from the reference: x and y in m, heading in degrees.
@@ -33,19 +32,11 @@ METHODS = {
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("map")
-    parser.add_argument("scans")
-    parser.add_argument("--reference", required=True)
-    parser.add_argument("--every", type=int, default=3, metavar="N", help="take each N-th scan")
+    add_known_drive(parser, every=3)
     parser.add_argument("--random", type=int, default=0, metavar="N", help="N priors each, 4 to 12 m off, instead")
     options = parser.parse_args()
-    point_map, scans = maxcon.PointMap.open(options.map), open_scans(options.scans)
-    reference = read_trajectory(options.reference)
+    point_map, drive = known_drive(options)
     rng = np.random.default_rng(0)
-    drive = []
-    for epoch in range(0, len(scans), options.every):
-        raw = scans.read(epoch, 1.0, 120.0)
-        drive.append((maxcon.Scan(raw.points), point_map.frame.pose_to_local(reference.at(raw.time))))
     header(f"Priors off by more than the search space, {len(drive)} epochs each")
     print(
         "| x m | y m | heading deg | method | right | of these localized | wrong | of these localized |"

@@ -121,7 +121,7 @@ def main():
     summaries, lines = {}, [f"Python {platform.python_version()}, seed {arguments.seed}.", ""]
     for named in [NamedDataset.of_word(word) for word in arguments.datasets]:
         answers = answers_of_drive(named, arguments.out, arguments.levels, arguments.epochs, arguments.seed)
-        summaries[named.name] = statistics_by_level(answers, arguments.levels)
+        summaries[f"{named.name}, {arguments.epochs} epochs"] = statistics_by_level(answers, arguments.levels)
         lines += [f"### {named.name}", "", *table(answers, arguments.levels), ""]
     print("\n".join(lines))
     plot_prior_error(arguments.figure, summaries)

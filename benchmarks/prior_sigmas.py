@@ -12,11 +12,10 @@ import math
 import time
 
 import numpy as np
+from drives import add_known_drive, known_drive
 from header import header
 
 import maxcon
-from maxcon.io.scans import open_scans
-from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.evaluation import pose_error
 
 SIGMA = 0.3
@@ -38,24 +37,16 @@ ERRORS = {
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("map")
-    parser.add_argument("scans")
-    parser.add_argument("--reference", required=True)
-    parser.add_argument("--every", type=int, default=10, metavar="N", help="take each N-th scan")
-    options = parser.parse_args()
-    point_map, scans = maxcon.PointMap.open(options.map), open_scans(options.scans)
-    reference = read_trajectory(options.reference)
+    add_known_drive(parser, every=10)
+    point_map, drive = known_drive(parser.parse_args())
     rng = np.random.default_rng(0)
-    epochs = range(0, len(scans), options.every)
-    header(f"Priors that say {SIGMA} m and {SIGMA} degrees, {len(epochs)} epochs")
+    header(f"Priors that say {SIGMA} m and {SIGMA} degrees, {len(drive)} epochs")
     print("| priors off | method | right | wrong | not localized | searched wider | ms, median | mean |")
     print("|---|---|---|---|---|---|---|---|")
     for name, error in ERRORS.items():
         counts = {method: np.zeros(4, int) for method in METHODS}
         taken = {method: [] for method in METHODS}
-        for epoch in epochs:
-            raw = scans.read(epoch, 1.0, 120.0)
-            scan, truth = maxcon.Scan(raw.points), point_map.frame.pose_to_local(reference.at(raw.time))
+        for scan, truth in drive:
             x, y, turn_deg = error(rng)
             heading = truth.heading + math.radians(turn_deg)
             prior = maxcon.Pose(truth.x + x, truth.y + y, truth.z, truth.roll, truth.pitch, heading)

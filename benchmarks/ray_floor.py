@@ -12,13 +12,11 @@ and which from normals within 10 degrees of a right angle to it (noise of facade
 import argparse
 
 import numpy as np
+from drives import bench_of_study
 
 import maxcon
 from maxcon.geometry import voxel_indices
-from maxcon.lab.dataset import Dataset
 from maxcon.lab.distinctness import significant_ray
-from maxcon.lab.study import Study
-from maxcon.lab.study.bench import Bench
 from maxcon.search.accumulator import turn, upright
 
 SPACE = maxcon.SearchSpace.paper()
@@ -53,10 +51,7 @@ def main():
     parser.add_argument("study")
     parser.add_argument("--every", type=int, default=150)
     arguments = parser.parse_args()
-    study = Study.open(arguments.study)
-    dataset = Dataset.open(study.configuration.dataset)
-    maps = {"standard": dataset.map_path or study.folder / "maps" / "standard.map"}
-    bench = Bench.open(dataset, maps)
+    _, bench = bench_of_study(arguments.study)
     point_map = bench.maps["standard"]
     floors, shares = {"Helmert": [], "Count": []}, []
     for epoch in range(arguments.every // 3, len(bench.scans), arguments.every):

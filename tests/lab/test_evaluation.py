@@ -13,11 +13,9 @@ from maxcon.lab.evaluation import (
     PROMISED,
     PROMISED_PLANE,
     Coverage,
-    MeanSquare,
     PoseError,
     ProtectionCounts,
     Quantiles,
-    RiskCoverage,
     clopper_pearson,
     least_to_prove,
     pose_error,
@@ -120,7 +118,6 @@ def test_errors_are_counted_within_their_own_sigmas():
     assert (found.n_epochs, found.n_within) == (4, (1, 2, 3))
     assert found.shares == (0.25, 0.5, 0.75)
     assert found.rms == pytest.approx(math.sqrt((1.0 + 1.5**2 + 2.5**2 + 81.0) / 4.0))
-    assert found.median == pytest.approx(2.0)
     assert all(low < share < high for share, (low, high) in zip(found.shares, found.intervals, strict=True))
 
 
@@ -138,23 +135,11 @@ def test_errors_as_predicted_are_within_as_promised():
 
 def test_no_epoch_says_nothing():
     found = Coverage.of([np.nan], [1.0])
-    assert found.n_epochs == 0 and np.isnan([*found.shares, found.rms, found.median]).all()
+    assert found.n_epochs == 0 and np.isnan([*found.shares, found.rms]).all()
     assert found.intervals == ((0.0, 1.0),) * 3
-    assert np.isnan(MeanSquare.of([np.nan]).mean)
     assert clopper_pearson(0, 0) == (0.0, 1.0) and upper_bound(0, 0) == 1.0
     counts = ProtectionCounts.of([], [])
     assert (counts.n_used, counts.exceeded_bound) == (0, 1.0)
-    curve = RiskCoverage.of([False], [False], [False], [np.nan])
-    assert (curve.n_epochs, len(curve.rates), curve.n_trusted) == (1, 0, 0)
-
-
-def test_mean_squares_as_predicted_lie_between_the_limits():
-    generator = np.random.default_rng(3)
-    squares = (generator.standard_normal((1_000, 40, 2)) ** 2).sum(axis=2)
-    found = [MeanSquare.of(drive) for drive in squares]
-    inside = np.mean([one.low <= one.mean <= one.high for one in found])
-    assert inside == pytest.approx(0.95, abs=0.02)
-    assert np.mean([one.median for one in found]) == pytest.approx(1.0, abs=0.03)
 
 
 # --- the Stanford diagram ---------------------------------------------------------------------------------------
@@ -167,24 +152,3 @@ def test_each_epoch_lies_in_one_region_and_is_as_bad_as_its_worst_direction():
     assert found == ProtectionCounts(n_nominal=1, n_misleading=1, n_hazardous=1, n_large=1, n_withheld=1)
     assert (found.n_used, found.n_unavailable, found.n_exceeded) == (3, 2, 2)
     assert (found.exceeded_bound, found.hazardous_bound) == (upper_bound(2, 3), upper_bound(1, 3))
-
-
-# --- risk against coverage --------------------------------------------------------------------------------------
-
-
-def test_trusted_answers_go_first_and_each_by_its_runner_up():
-    found = RiskCoverage.of(
-        is_right=[True, False, True, False, True, False], is_answer=[True, True, True, True, True, False],
-        is_trusted=[True, True, True, False, False, False], runner_up=[0.5, 0.7, 0.2, 0.1, np.nan, np.nan],
-    )  # fmt: skip
-    np.testing.assert_array_equal(found.n_accepted, [1, 2, 3, 4, 5])
-    np.testing.assert_array_equal(found.n_wrong, [0, 0, 1, 2, 2])
-    np.testing.assert_allclose(found.shares, np.arange(1, 6) / 6.0)
-    np.testing.assert_allclose(found.rates, [0.0, 0.0, 1 / 3, 0.5, 0.4])
-    assert (found.n_epochs, found.n_trusted, found.n_trusted_wrong) == (6, 3, 1)
-    assert found.trusted_interval == clopper_pearson(1, 3)
-
-
-def test_answers_of_equal_trust_are_accepted_together():
-    found = RiskCoverage.of([True, False, True, False], [True] * 4, [True, True, False, False], [np.nan] * 4)
-    np.testing.assert_array_equal([found.n_accepted, found.n_wrong], [[2, 4], [1, 2]])

@@ -7,8 +7,7 @@ import pytest
 import maxcon
 from drawn_figures import yard
 from maxcon.errors import FileError
-from maxcon.plotting.figure import saved_figure
-from maxcon.plotting.from_above import Window, count_voxels, round_length
+from maxcon.plotting.figure import Window, count_voxels, round_length, saved_figure
 
 
 def draw(path):

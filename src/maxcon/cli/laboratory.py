@@ -102,7 +102,6 @@ def demo(how: DemoOptions) -> None:
     """
     from maxcon._system.atomic import atomic_folder, check_replaceable
     from maxcon.lab import demo as lab
-    from maxcon.lab.demo_page import report_demo
 
     lab.check_extras()
     check_replaceable(how.out, "a demo", lab.DEMO_NAMES)
@@ -113,7 +112,7 @@ def demo(how: DemoOptions) -> None:
     ):
         bench = lab.prepare_demo(folder, n_epochs=how.epochs, seed=how.seed, progress=progress)
         results = lab.run_demo(bench, folder, seed=how.seed, progress=progress)
-        report_demo(folder, bench, results, seed=how.seed, progress=progress)
+        lab.report_demo(folder, bench, results, seed=how.seed, progress=progress)
     _print_demo(results)
     typer.echo(f"\nThe report with pictures: {how.out / 'report.html'}")
 

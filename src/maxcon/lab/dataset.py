@@ -25,37 +25,22 @@ _FOR_CLOUDS = ("trajectory", "crs", "drop", "vehicle_classes", "normals_have_sid
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """Where the parts of a dataset lie.
+    """Where the parts of a dataset lie; coordinates of map, reference and priors are global, m, poses T_map_sensor."""
 
-    - path: the TOML file; the paths in it are relative to its folder.
-    - map_clouds: clouds to build the map from, global coordinates, m; empty where the map is built already.
-    - map_path: a map on disk, instead of clouds.
-    - map_trajectory: of the mapping sensor, on the clock of the map clouds: turns normals to its side.
-    - crs: of all global coordinates, where the clouds do not say.
-    - drop: classes to leave out of the map; the defaults of a map if None.
-    - vehicle_classes: class numbers that mean vehicles.
-    - normals_have_sides: whether the clouds' own normals are turned to the sensor's side.
-    - map_sigma: standard deviation of the map's position along any axis, m; found by the build if None.
-    - scans, times: folder of scans, and their times where they are not with them.
-    - reference: poses held for true, T_map_sensor, global coordinates.
-    - priors: rough poses by name, T_map_sensor, global coordinates; at least one, none by the name "reference".
-    - odometry: the vehicle's own motion, T_odometry_sensor in any frame, where it was recorded.
-    """
-
-    path: Path
-    map_clouds: tuple[Path, ...]
-    map_path: Path | None
-    map_trajectory: Path | None
-    crs: str | None
-    drop: tuple[str, ...] | None
-    vehicle_classes: tuple[int, ...]
-    normals_have_sides: bool
-    map_sigma: float | None
+    path: Path  # the TOML file; the paths in it are relative to its folder
+    map_clouds: tuple[Path, ...]  # clouds to build the map from; empty where the map is built already
+    map_path: Path | None  # a map on disk, instead of clouds
+    map_trajectory: Path | None  # of the mapping sensor, on the clock of the clouds: turns normals to its side
+    crs: str | None  # of all global coordinates, where the clouds do not say
+    drop: tuple[str, ...] | None  # classes to leave out of the map; the defaults of a map if None
+    vehicle_classes: tuple[int, ...]  # class numbers that mean vehicles
+    normals_have_sides: bool  # whether the clouds' own normals are turned to the sensor's side
+    map_sigma: float | None  # standard deviation of the map's position along any axis, m; found by the build if None
     scans: Path
-    times: Path | None
-    reference: Path
-    priors: dict[str, Path]
-    odometry: Path | None = None
+    times: Path | None  # of the scans, where they are not with them
+    reference: Path  # poses held for true
+    priors: dict[str, Path]  # rough poses by name; at least one, none by the name "reference"
+    odometry: Path | None = None  # the vehicle's own motion, T_odometry_sensor in any frame, where it was recorded
 
     @property
     def folder(self) -> Path:
@@ -90,20 +75,18 @@ class Dataset:
                 f" {'both' if named.map.clouds else 'neither'}. Keep one."
             )
 
-        def existing(table: str, key: str) -> Path:
-            values = getattr(named, table)
-            return _existing(file, table, key, values[key] if table == "priors" else getattr(values, key))
+        def part(table: str, key: str, name: str | None) -> Path | None:
+            return None if name is None else _existing(file, table, key, name)
 
-        def optional(table: str, key: str) -> Path | None:
-            return None if getattr(getattr(named, table), key) is None else existing(table, key)
-
+        of_map, of_scans = named.map, named.scans
         return cls(
-            path=file, map_clouds=_clouds(file, named.map.clouds or ()), map_path=optional("map", "path"),
-            map_trajectory=optional("map", "trajectory"), crs=named.map.crs, drop=named.map.drop,
-            vehicle_classes=named.map.vehicle_classes or (), normals_have_sides=bool(named.map.normals_have_sides),
-            map_sigma=named.map.sigma, scans=existing("scans", "folder"), times=optional("scans", "times"),
-            reference=existing("scans", "reference"), odometry=optional("scans", "odometry"),
-            priors={name: existing("priors", name) for name in named.priors},
+            path=file, map_clouds=_clouds(file, of_map.clouds or ()), map_path=part("map", "path", of_map.path),
+            map_trajectory=part("map", "trajectory", of_map.trajectory), crs=of_map.crs, drop=of_map.drop,
+            vehicle_classes=of_map.vehicle_classes or (), normals_have_sides=bool(of_map.normals_have_sides),
+            map_sigma=of_map.sigma, scans=_existing(file, "scans", "folder", of_scans.folder),
+            times=part("scans", "times", of_scans.times), odometry=part("scans", "odometry", of_scans.odometry),
+            reference=_existing(file, "scans", "reference", of_scans.reference),
+            priors={name: _existing(file, "priors", name, path) for name, path in named.priors.items()},
         )  # fmt: skip
 
     def open_scans(self) -> Scans:

@@ -1,18 +1,26 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The demo as a small study: a simulated dataset, its maps, and a table of answers from near and from wide priors."""
+"""The demo: a small study of a simulated dataset, from near and from wide priors, and the page that shows it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from maxcon._system import Progress
+from maxcon._system.atomic import make_folder
+from maxcon._system.version import __version__
 from maxcon.errors import MissingExtraError
 from maxcon.lab.baselines import check_small_gicp
-from maxcon.lab.report import check_jinja2
+from maxcon.lab.report import Picture, check_jinja2, write_page
+from maxcon.lab.report.charts import plot_error_distributions
+from maxcon.lab.report.prior_error import plot_prior_error
+from maxcon.lab.report.study_scenes import Scenes
 from maxcon.lab.simulation import PriorErrors, simulate
+from maxcon.lab.simulation.datasets import CITY_ORIGIN
 from maxcon.lab.simulation.scanners import check_embreex
 from maxcon.lab.study.bench import Bench
 from maxcon.lab.study.methods import STANDARD, StudyMethod
@@ -26,9 +34,10 @@ from maxcon.lab.study.prior_trials import (
     with_levels,
 )
 from maxcon.lab.study.run import spread_epochs
-from maxcon.lab.study.table import MethodRows, MethodStatistics, Row, rows_by_method, table_schema
+from maxcon.lab.study.table import MethodRows, MethodStatistics, Row, rows_by_method, statistics, table_schema
 from maxcon.localizer import MaximumConsensus
 from maxcon.mapping.build import build_map
+from maxcon.plotting import plot_drive
 from maxcon.plotting.figure import check_matplotlib
 from maxcon.search.objectives import Count, Helmert
 from maxcon.search.space import SearchSpace
@@ -52,6 +61,7 @@ DEMO_METHODS = {
     HELMERT: ALONE(Helmert()),
 }
 WIDE_LEVELS = (prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0))
+STREET_PART = 0.25  # of the whole drive: well before the crossing, in the straight part of the street
 MOST_EPOCHS = 8  # registration from many starts takes its time: of a longer drive some epochs are shown
 
 
@@ -103,23 +113,20 @@ class DemoResults:
         ours = found.pop(MAXCON)
         one_start = [one for name, one in found.items() if "gate" in name]
         rights = sorted(one.n_success for one in one_start)
-        told = (
+        others = "; ".join(
+            f"{name}, is right in {one.n_success}, in {one.ms.median:.0f} ms an epoch against our {ours.ms.median:.0f}"
+            for name, one in found.items()
+            if "gate" not in name
+        )
+        lacking = (
+            "a coarse count followed by GICP. It needs small_gicp; to see it here: pip install 'maxcon[baselines]'"
+        )
+        return (
             f"From priors wrong by up to {level.offset:g} m and {level.heading_deg:g} degrees maximum consensus is"
             f" right in {ours.n_success} of {ours.n_epochs} epochs; registration from one start in {rights[0]} to"
             f" {rights[-1]}, by method and gate, and {sum(one.n_false for one in one_start)} of its"
             f" {sum(one.n_epochs - one.n_success for one in one_start)} wrong answers call themselves good. What"
-            " searches the window first can do it too: "
-        )
-        others = [one for one in found.values() if one not in one_start]
-        fair = "; ".join(
-            f"{one.method}, is right in {one.n_success}, in {one.ms.median:.0f} ms an epoch against our"
-            f" {ours.ms.median:.0f}"
-            for one in others
-        )
-        return told + (
-            f"{fair}."
-            if fair
-            else "a coarse count followed by GICP. It needs small_gicp; to see it here: pip install 'maxcon[baselines]'"
+            f" searches the window first can do it too: {others + '.' if others else lacking}"
         )
 
 
@@ -159,3 +166,98 @@ def _installed_at(level: PriorErrors) -> list[StudyMethod]:
     except MissingExtraError:
         left_out = "GICP"
     return [method for method in methods_at(level, gates=(1.0, 3.0)) if left_out not in method.name]
+
+
+# --- the page --------------------------------------------------------------------------------------------------
+
+
+def report_demo(folder: Path, bench: Bench, results: DemoResults, *, seed: int, progress: Progress) -> Path:
+    """Draw the pictures and write `report.html` into `folder`; return its path."""
+    n_epochs = len(bench.scans)
+    make_folder(folder / "pictures")
+    pictures = DemoPictures(folder / "pictures", bench, results)
+    steps: dict[str, Callable[[], Picture]] = {
+        "why": pictures.why, "wide": pictures.wide_priors, "errors": pictures.errors,
+        "drive": pictures.drive_from_above, "epoch": pictures.epoch, "spaces": pictures.street_and_crossing,
+    }  # fmt: skip
+    drawn = {}
+    for number, (name, step) in enumerate(steps.items(), 1):
+        drawn[name] = step()
+        progress("drawing", number, len(steps))
+    path, found = folder / "report.html", [statistics(rows) for rows in results.near]
+    page = {
+        "title": "maxcon demo: a simulated street", "methods": DEMO_METHODS, "results": found, **drawn,
+        "space": DEMO_METHODS[HELMERT].space, "n_tiles": len(bench.maps[STANDARD].tile_keys), "n_scans": n_epochs,
+        "command": f"maxcon demo --epochs {n_epochs} --seed {seed}", "version": __version__, "seed": seed,
+    }  # fmt: skip
+    write_page(path, "demo.html.j2", page)
+    return path
+
+
+class DemoPictures:
+    """Pictures of the demo's page with their captions, drawn into a folder; epochs are searched again for them."""
+
+    def __init__(self, folder: Path, bench: Bench, results: DemoResults) -> None:
+        self.folder, self.results = folder, results
+        self.near = {rows.method: rows for rows in results.near}
+        self.distances = {name: rows.numbers("distance") for name, rows in self.near.items()}
+        self.scenes = Scenes(bench, PRIOR, bench.maps[STANDARD], DEMO_METHODS[HELMERT])
+        self.street = int(STREET_PART * (len(bench.scans) - 1))
+        # Where the car was at each epoch, shape (n, 2), local frame, m.
+        self.places = np.array([self.scenes.poses(epoch)[1].position[:2] for epoch in range(len(bench.scans))])
+
+    def why(self) -> Picture:
+        """Draw the epoch that the count puts farthest off, and say what came out, whatever it is."""
+        epoch = worst_of_the_count(self.near[COUNT_POINTS], self.near[HELMERT_POINTS])
+        title = "Why Helmert's point error, and a voxel once"
+        path = self._compared("why", title, {"uneven map": epoch})
+        off = {name: distances[epoch] for name, distances in self.distances.items()}
+        found = [statistics(rows) for rows in self.results.near]
+        wrong = "; ".join(f"{one.method}: {one.n_epochs - one.n_success}" for one in found)
+        return Picture.of(
+            "demo-why", path, wait=MAPPING_WAIT, epoch=epoch, count=off[COUNT_POINTS], helmert=off[HELMERT_POINTS],
+            once=off[HELMERT], n_epochs=found[0].n_epochs, wrong=wrong,
+        )  # fmt: skip
+
+    def wide_priors(self) -> Picture:
+        """Draw what wide priors make of each method."""
+        path = self.folder / "prior_error.svg"
+        plot_prior_error(path, {f"the simulated street, {self.results.widest[0].n_epochs} epochs": self.results.wide})
+        return Picture.of("demo-wide", path, words=self.results.wide_words)
+
+    def errors(self) -> Picture:
+        """Draw the errors of all methods."""
+        return plot_error_distributions(self.folder / "errors.svg", self.distances)
+
+    def drive_from_above(self) -> Picture:
+        """Draw the drive by the default method."""
+        path = self.folder / "drive.png"
+        plot_drive(path, self.places, self.distances[HELMERT], point_map=self.scenes.point_map)
+        return Picture.of("demo-drive", path, method=HELMERT)
+
+    def epoch(self) -> Picture:
+        """Draw the search space of an epoch, and its scene."""
+        path = self.folder / "epoch.png"
+        self.scenes.draw_epoch(path, self.street, f"Epoch {self.street}, in the street: {HELMERT}")
+        return Picture.of("demo-epoch", path)
+
+    def street_and_crossing(self) -> Picture:
+        """Draw the count beside Helmert, on the same matches, in the street and at the crossing."""
+        middle = self.scenes.point_map.frame.to_local([CITY_ORIGIN])[0]
+        crossing = int(np.argmin(np.linalg.norm(self.places - middle[:2], axis=1)))
+        epochs = {"in the street": self.street, "at the crossing": crossing}
+        return Picture.of("demo-spaces", self._compared("street-and-crossing", "Count beside Helmert", epochs))
+
+    def _compared(self, stem: str, title: str, epochs: dict[str, int]) -> Path:
+        """Draw epochs by the paper's two methods and the default."""
+        path = self.folder / f"{stem}.png"
+        methods = [(name, DEMO_METHODS[name]) for name in (COUNT_POINTS, HELMERT_POINTS, HELMERT)]
+        self.scenes.compare(path, epochs, methods, title)
+        return path
+
+
+def worst_of_the_count(count: MethodRows, helmert: MethodRows) -> int:
+    """Return the epoch that the count puts farthest off where Helmert's score of the same is right, or of all."""
+    distances = count.numbers("distance")
+    is_shown = ~np.isnan(distances) & (count.numbers("is_success") == 0.0) & (helmert.numbers("is_success") == 1.0)
+    return int(np.nanargmax(np.where(is_shown, distances, np.nan) if is_shown.any() else distances))

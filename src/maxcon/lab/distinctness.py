@@ -30,32 +30,23 @@ class Distinctness:
     """How distinct a peak is, by four measures that do not depend on the unit of the score (design, section 4).
 
     All are NaN where the highest score is 0: there is no peak.
-
-    peak_ratio: score of the second peak over that of the peak, 0 to 1; lower is more distinct. The second peak is the
-        highest local maximum farther from the peak than 0.3 m, at any heading; 0 where there is none.
-    kurtosis: fourth standardized moment of the scores along the significant ray, taken as a distribution over the
-        offset: 1.8 for many equal scores, 3 for a Gaussian; NaN where a single place has all the score.
-    divergence: Kullback-Leibler divergence of the same distribution from a Laplace distribution with a standard
-        deviation of 1 cell about the peak, nats; lower is more distinct. NaN where the ray is one cell long.
-    spread: largest horizontal distance from the peak to a cell of any heading that reaches 90 % of its score, m.
     """
 
+    # Score of the second peak, the highest local maximum beyond 0.3 m at any heading, over that of the peak, 0 to 1
     peak_ratio: float
+    # Of the scores along the significant ray as a distribution over the offset: 1.8 for many equal scores, 3 for a
+    # Gaussian; NaN where a single place has all the score
     kurtosis: float
-    divergence: float
-    spread: float
+    divergence: float  # of the same from a Laplace distribution, sigma = 1 cell, nats; NaN where the ray is one cell
+    spread: float  # largest horizontal distance from the peak to a cell that reaches 90 % of its score, m
 
 
 def distinctness(accumulator: Accumulator, objective: Objective, scores: Scores | None = None) -> Distinctness:
-    """Return measures of how distinct the best cell is.
+    """Return measures of how distinct the best cell is; `scores` are the objective's, where they are known already.
 
     The ray ends where the search space ends, so kurtosis and divergence depend on where in the space the peak lies:
-    compare objectives on the same accumulator. The paper's search spaces are centred on the reference.
-
-    accumulator: moments of all cells.
-    objective: what a cell is worth. ArrayError if scores are negative or not finite: a fraction of the peak needs a
-        zero that means "nothing". They are not shifted, as the measures would depend on the lowest cell then.
-    scores: ``accumulator.score(objective)``, where it is known already; `objective` is not used then.
+    compare objectives on the same accumulator. ArrayError if scores are negative or not finite: a fraction of the peak
+    needs a zero that means "nothing".
     """
     space = accumulator.space
     scores = _checked(accumulator.score(objective) if scores is None else scores, space)
@@ -64,11 +55,12 @@ def distinctness(accumulator: Accumulator, objective: Objective, scores: Scores 
         return Distinctness(math.nan, math.nan, math.nan, math.nan)
     offsets, along = significant_ray(accumulator, scores, peak)
     places, fractions = offsets / space.cell_edge, along / along.sum()
+    _, iy, ix = np.nonzero(scores >= SPREAD_RATIO * scores[peak])
     return Distinctness(
         peak_ratio=peak_ratio(scores, peak, space, GUARD_RADIUS),
         kurtosis=_kurtosis(places, fractions),
         divergence=_divergence(places, fractions),
-        spread=_spread(scores, peak, space),
+        spread=float(np.hypot(iy - peak[1], ix - peak[2]).max()) * space.cell_edge,
     )
 
 
@@ -77,12 +69,9 @@ def significant_ray(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the scores along the least determined direction through a cell, and where they are (design, section 4).
 
-    The line lies in the heading plane of the cell and points along the eigenvector of the cell's normal matrix N with
-    the smallest eigenvalue: that of the largest of Q, but it exists where N is singular, too. Where N prefers no
-    direction (no matches, or equal eigenvalues) it is the y axis.
-
-    Returns distances from the cell, a cell edge apart, as far as the search space goes, shape (k,), m, positive towards
-    +x, or towards +y where the line is the y axis; and the scores there, interpolated bilinearly, shape (k,).
+    The line lies in the heading plane of the cell and points along the eigenvector of N with the smallest eigenvalue;
+    where N prefers no direction it is the y axis. Returns distances from the cell, a cell edge apart, shape (k,), m,
+    positive towards +x, or +y where the line is the y axis; and the scores there, interpolated bilinearly, shape (k,).
     """
     from scipy.ndimage import map_coordinates
 
@@ -91,7 +80,8 @@ def significant_ray(
     _, ny, nx = scores.shape
     x_step, y_step = _least_determined(accumulator.normal_matrix(cell))
     steps = np.arange(-(nx + ny), nx + ny + 1)
-    x, y = _snapped(ix + steps * x_step), _snapped(iy + steps * y_step)
+    places = np.array([ix + steps * x_step, iy + steps * y_step])
+    x, y = np.where(np.abs(places - np.rint(places)) < ON_THE_GRID, np.rint(places), places)
     is_inside = (x >= 0.0) & (x <= nx - 1) & (y >= 0.0) & (y <= ny - 1)
     along = map_coordinates(scores[heading], [y[is_inside], x[is_inside]], order=1)
     return steps[is_inside] * accumulator.space.cell_edge, along
@@ -119,12 +109,6 @@ def _least_determined(normal_matrix: NDArray[np.float64]) -> tuple[float, float]
     return (x, y) if x > 0.0 else (-x, -y)
 
 
-def _snapped(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places, in cells, rounded to whole cells where only rounding errors keep them off."""
-    nearest = np.rint(places)
-    return np.where(np.abs(places - nearest) < ON_THE_GRID, nearest, places)
-
-
 def _kurtosis(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> float:
     """Fourth central moment over the squared variance of a distribution; NaN where one place has it all."""
     deviations = places - fractions @ places
@@ -139,16 +123,9 @@ def _divergence(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> 
 
     In logarithms, since q underflows some 530 cells from the peak.
     """
+    from scipy.special import log_softmax, xlogy
+
     if len(places) < 2:
         return math.nan
-    log_density = -LAPLACE_DECAY * np.abs(places)
-    log_density -= math.log(float(np.exp(log_density).sum()))
-    is_present = fractions > 0.0
-    present = fractions[is_present]
-    return max(0.0, float(present @ (np.log(present) - log_density[is_present])))  # not -1e-17
-
-
-def _spread(scores: Scores, peak: Cell, space: SearchSpace) -> float:
-    """Largest horizontal distance from the peak to a cell reaching 90 % of it, m."""
-    _, iy, ix = np.nonzero(scores >= SPREAD_RATIO * scores[peak])
-    return float(np.hypot(iy - peak[1], ix - peak[2]).max()) * space.cell_edge
+    log_density = log_softmax(-LAPLACE_DECAY * np.abs(places))
+    return max(0.0, float((xlogy(fractions, fractions) - fractions * log_density).sum()))  # not -1e-17

@@ -1,33 +1,28 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How good answers are: errors, coverage of sigmas, protection levels, risk against coverage, what samples prove."""
+"""How good answers are: errors, coverage of sigmas, protection levels, what samples prove."""
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from maxcon.geometry import Pose, wrap_angle
 
 SUCCESS_DISTANCE = 0.3
 SUCCESS_HEADING = math.radians(1.0)
-SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"
-"""The limits of success, in words: "within ... of the reference"."""
+SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"  # "within ... of the reference"
 
 
 @dataclass(frozen=True, slots=True)
 class PoseError:
-    """How far a pose is from the reference, in x, y and heading.
+    """How far a pose is from the reference, in x, y and heading, signed."""
 
-    along, across: in the direction of the reference's heading, and to the left of it, signed, m.
-    heading: counter-clockwise, signed, rad.
-    """
-
-    along: float
-    across: float
-    heading: float
+    along: float  # in the direction of the reference's heading, m
+    across: float  # to the left of it, m
+    heading: float  # counter-clockwise, rad
 
     @property
     def distance(self) -> float:
@@ -50,11 +45,7 @@ def pose_error(pose: Pose, reference: Pose) -> PoseError:
 
 @dataclass(frozen=True, slots=True)
 class Quantiles:
-    """Quantiles of absolute errors, in the unit of the errors; all NaN where there is no error.
-
-    median, p95, p99: the error that 50, 95 and 99 % of the epochs do not exceed, interpolated linearly. Of fewer than
-        100 epochs, `p99` is nearly the worst.
-    """
+    """The error that 50, 95, 99 and 100 % of the epochs do not exceed, in its unit; all NaN where there is none."""
 
     median: float
     p95: float
@@ -75,11 +66,7 @@ CONFIDENCE = 0.95
 
 
 def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the ends, 0 to 1, of Clopper and Pearson's interval of the rate of an event; (0, 1) without epochs.
-
-    At least as often as `confidence` (0 to 1) it holds the true rate, if epochs are independent (Clopper and Pearson,
-    1934).
-    """
+    """Return the ends, 0 to 1, of Clopper and Pearson's interval of a rate, if epochs are independent; or (0, 1)."""
     if n_epochs == 0:
         return 0.0, 1.0
     from scipy.stats import binomtest
@@ -89,11 +76,7 @@ def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE)
 
 
 def upper_bound(n_found: int, n_epochs: int) -> float:
-    """Return the one-sided upper limit, 0 to 1, of the rate of an event found in `n_found` of `n_epochs`.
-
-    With 95 % about 3 / n_epochs where it was never found: the upper end of `clopper_pearson`, with 5 % beyond it and
-    not half of that.
-    """
+    """Return the one-sided upper limit, with 95 % confidence, of a rate, 0 to 1: of 0 in n epochs about 3 / n."""
     return clopper_pearson(n_found, n_epochs, 2.0 * CONFIDENCE - 1.0)[1]
 
 
@@ -116,8 +99,6 @@ class Coverage:
     n_epochs: int  # how many errors have a predicted sigma
     n_within: tuple[int, ...]  # of these, how many are at most 1, 2 and 3 sigma
     rms: float  # of errors over sigmas: 1 where the sigmas hold; one gross error makes it large. NaN without errors.
-    # Of absolute errors over sigmas: 0.67 where the sigmas hold, 1.18 for the length of two errors together
-    median: float
 
     @classmethod
     def of(cls, errors: ArrayLike, sigmas: ArrayLike) -> "Coverage":
@@ -125,9 +106,9 @@ class Coverage:
         ratios = np.abs(np.asarray(errors, np.float64)) / np.asarray(sigmas, np.float64)
         ratios = ratios[np.isfinite(ratios)]
         if len(ratios) == 0:
-            return cls(0, (0,) * len(SIGMAS), math.nan, math.nan)
+            return cls(0, (0,) * len(SIGMAS), math.nan)
         n_within = tuple(int((ratios <= k).sum()) for k in SIGMAS)
-        return cls(len(ratios), n_within, float(np.sqrt((ratios**2).mean())), float(np.median(ratios)))
+        return cls(len(ratios), n_within, float(np.sqrt((ratios**2).mean())))
 
     @property
     def shares(self) -> tuple[float, ...]:
@@ -138,37 +119,6 @@ class Coverage:
     def intervals(self) -> tuple[tuple[float, float], ...]:
         """Ends of the 95 % interval of each fraction (`clopper_pearson`)."""
         return tuple(clopper_pearson(n, self.n_epochs) for n in self.n_within)
-
-
-@dataclass(frozen=True, slots=True)
-class MeanSquare:
-    """Normalized squared errors of x and y (NEES, e' P^-1 e) over a drive, halved: 1 where the covariances P hold.
-
-    n_epochs: how many epochs have a NEES.
-    mean: of NEES / 2: above 1 where errors are larger than predicted; one gross error makes it large.
-    median: of NEES over the one expected, 2 ln 2: 1 where most covariances hold.
-    low, high: if the covariances held, 95 % of the means over so many epochs would lie between these.
-    """
-
-    n_epochs: int
-    mean: float
-    median: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, squares: ArrayLike) -> "MeanSquare":
-        """Summarize normalized squared errors of x and y, shape (n,); NaN is left out."""
-        values = np.asarray(squares, dtype=np.float64)
-        values = values[np.isfinite(values)]
-        n = len(values)
-        if n == 0:
-            return cls(0, math.nan, math.nan, math.nan, math.nan)
-        from scipy.stats import chi2
-
-        low, high = chi2.interval(0.95, 2 * n)  # of the sum of the squares of n times two errors
-        low, high = float(low) / (2 * n), float(high) / (2 * n)
-        return cls(n, float(values.mean()) / 2.0, float(np.median(values)) / (2.0 * math.log(2.0)), low, high)
 
 
 ALERT_LIMIT = 0.29
@@ -187,10 +137,7 @@ class ProtectionCounts:
 
     @classmethod
     def of(cls, errors: ArrayLike, levels: ArrayLike) -> "ProtectionCounts":
-        """Count the epochs in each region, each by its worst direction.
-
-        errors, levels: shape (n,) or (n, k), of each epoch in k directions, m; a level is NaN where there is none.
-        """
+        """Count epochs by their worst direction; errors and levels, m, of shape (n,) or (n, k), NaN without a level."""
         wrong, level = (np.asarray(given, dtype=np.float64) for given in (errors, levels))
         wrong, level = (values[:, None] if values.ndim == 1 else values for values in (np.abs(wrong), level))
         has_level = np.asarray((np.isfinite(level) & np.isfinite(wrong)).all(axis=1))
@@ -229,60 +176,3 @@ class ProtectionCounts:
     def hazardous_bound(self) -> float:
         """Upper limit, with 95 % confidence, of the rate of hazardous epochs among used ones, 0 to 1."""
         return upper_bound(self.n_hazardous, self.n_used)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RiskCoverage:
-    """How many answers are wrong among the k most trusted, for every k: the risk-coverage curve.
-
-    n_epochs: all epochs, those without an answer too.
-    n_accepted, n_wrong: shape (k,); how many answers are accepted, those of equal trust together, and how many of these
-        are wrong.
-    n_trusted, n_trusted_wrong: how many answers may be used as the method itself says, and how many of these are wrong.
-    """
-
-    n_epochs: int
-    n_accepted: NDArray[np.int64]
-    n_wrong: NDArray[np.int64]
-    n_trusted: int
-    n_trusted_wrong: int
-
-    @classmethod
-    def of(
-        cls, is_right: ArrayLike, is_answer: ArrayLike, is_trusted: ArrayLike, runner_up: ArrayLike
-    ) -> "RiskCoverage":
-        """Sort answers by trust: first those that the method trusts, then the others, both by their second best.
-
-        is_right, is_answer, is_trusted: shape (n,); whether an epoch is a success, has a pose, and may be used as the
-            method says.
-        runner_up: shape (n,); second best score over the best: lower is more trusted, NaN least.
-        """
-        right, answered, trusted = (np.asarray(each, dtype=bool) for each in (is_right, is_answer, is_trusted))
-        rivals = np.asarray(runner_up, dtype=np.float64)
-        doubt = np.column_stack([~trusted, np.where(np.isnan(rivals), np.inf, rivals)])[answered]
-        order = np.lexsort((doubt[:, 1], doubt[:, 0]))
-        is_last = np.ones(len(order), dtype=bool)
-        is_last[:-1] = (doubt[order][1:] != doubt[order][:-1]).any(axis=1)
-        trusted = trusted & answered
-        return cls(
-            n_epochs=len(right),
-            n_accepted=(np.flatnonzero(is_last) + 1).astype(np.int64),
-            n_wrong=np.cumsum(~right[answered][order])[is_last].astype(np.int64),
-            n_trusted=int(trusted.sum()),
-            n_trusted_wrong=int((trusted & ~right).sum()),
-        )
-
-    @property
-    def shares(self) -> NDArray[np.float64]:
-        """Accepted answers over all epochs, shape (k,), 0 to 1: the coverage."""
-        return self.n_accepted / self.n_epochs
-
-    @property
-    def rates(self) -> NDArray[np.float64]:
-        """Wrong answers over accepted ones, shape (k,), 0 to 1: the risk."""
-        return self.n_wrong / self.n_accepted
-
-    @property
-    def trusted_interval(self) -> tuple[float, float]:
-        """Ends of the 95 % interval of the rate of wrong answers among those trusted, 0 to 1."""
-        return clopper_pearson(self.n_trusted_wrong, self.n_trusted)

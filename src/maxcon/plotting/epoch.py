@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
-from maxcon.plotting.figure import INK, MUTED, saved_figure
-from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_patch
+from maxcon.plotting.figure import INK, MUTED, Window, draw_map, draw_scale_bar, map_patch, saved_figure
 from maxcon.plotting.score_panel import (
     SearchSpaceView,
     cell_marks,

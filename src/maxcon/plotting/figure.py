@@ -1,18 +1,25 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The common style of all figures, and their files (same input, same bytes)."""
+"""The common style of all figures, and their files (same input, same bytes); the map from above, in greys."""
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from maxcon._system.atomic import atomic_file
 from maxcon.errors import OptionError, needs_extra
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    from maxcon.map import PointMap
 
 INK, MUTED = "#1f2430", "#5b6270"
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -82,3 +89,118 @@ def _keep_layout(figure: "Figure") -> None:
         part.bbox_relative.set_points(part.bbox_relative.get_points().round(6))
     for axes in figure.axes:
         axes.set_position(Bbox(axes.get_position(original=True).get_points().round(6)))
+
+
+# --- the map from above: dark where many voxels lie above each other, as in walls ------------------------------
+
+# Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
+N_SQUARES = 700
+
+
+class Window(NamedTuple):
+    """A rectangle of the ground, local frame, m."""
+
+    west: float
+    east: float
+    south: float
+    north: float
+
+    @classmethod
+    def around(cls, x: float, y: float, half_width: float) -> "Window":
+        """Return the square around a place."""
+        return cls(x - half_width, x + half_width, y - half_width, y + half_width)
+
+    @classmethod
+    def with_room(cls, places: NDArray[np.float64]) -> "Window":
+        """Return the rectangle around places, (n, 2 or more), m, and 25 m more, at most three times as long as wide."""
+        low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+        center, half = 0.5 * (low + high), 0.5 * (high - low) + 25.0
+        half = np.maximum(half, half.max() / 3.0)
+        return cls(center[0] - half[0], center[0] + half[0], center[1] - half[1], center[1] + half[1])
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height, m."""
+        return self.east - self.west, self.north - self.south
+
+
+def count_voxels(point_map: "PointMap", window: Window) -> tuple[Window, NDArray[np.int64]]:
+    """Count the voxels of a map above each square of the ground, shape (ny, nx), south to north, west to east.
+
+    Returned with the window that the squares cover, which may be a little larger than the one asked for.
+    """
+    width, height = window.size
+    edge = max(point_map.cell, max(width, height) / N_SQUARES)
+    nx, ny = max(1, int(np.ceil(width / edge))), max(1, int(np.ceil(height / edge)))
+    n_voxels = np.zeros(ny * nx, np.int64)
+    center_x, center_y = window.west + 0.5 * width, window.south + 0.5 * height
+    for tile in point_map.tiles_within(center_x, center_y, 0.5 * max(width, height)):
+        centers = (tile.voxels[:, :2] + 0.5) * point_map.cell
+        squares = np.floor((centers - [window.west, window.south]) / edge).astype(np.int64)
+        is_inside = ((squares >= 0) & (squares < [nx, ny])).all(axis=1)
+        x, y = squares[is_inside].T
+        n_voxels += np.bincount(y * nx + x, minlength=ny * nx)
+    covered = Window(window.west, window.west + nx * edge, window.south, window.south + ny * edge)
+    return covered, n_voxels.reshape(ny, nx)
+
+
+def draw_map(axes: "Axes", point_map: "PointMap | None", window: Window) -> None:
+    """Draw the map, if there is one, in light greys; fix the axes to the window, equal, and say where they begin."""
+    if point_map is not None:
+        covered, n_voxels = count_voxels(point_map, window)
+        top = max(2.0, float(np.percentile(n_voxels[n_voxels > 0], 95))) if n_voxels.any() else 2.0
+        shades = 0.28 + 0.72 * np.clip(np.log1p(n_voxels) / np.log1p(top), 0.0, 1.0)
+        axes.imshow(
+            np.ma.masked_where(n_voxels == 0, shades), origin="lower", extent=covered, cmap="Greys", vmin=0.0, vmax=1.9,
+            interpolation="nearest", zorder=0,
+        )  # fmt: skip
+    axes.set_xlim(window.west, window.east)
+    axes.set_ylim(window.south, window.north)
+    axes.set_aspect("equal")
+    east, north = (0.0, 0.0) if point_map is None else point_map.frame.origin[:2]
+    axes.set_xlabel(f"x [m] from {east:.0f} m east" if east else "x [m]")
+    axes.set_ylabel(f"y [m] from {north:.0f} m north" if north else "y [m]")
+
+
+def map_patch() -> "Patch":
+    """Return what stands for the map in a legend."""
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor="#a9a9a9", label="map (darker: taller)")
+
+
+def draw_scale_bar(axes: "Axes", window: Window) -> None:
+    """Draw a bar of a round length, about a sixth of the window, in its lower left corner."""
+    from matplotlib.patches import Rectangle
+
+    width, height = window.size
+    length = round_length(width / 6.0)
+    margin, thick = 0.02 * width, 0.006 * height
+    x, y = window.west + 1.6 * margin, window.south + 0.025 * height
+    corner, size = (x - margin, y - 1.6 * thick), (length + 2.0 * margin, 0.065 * height)
+    axes.add_patch(Rectangle(corner, *size, facecolor="white", alpha=0.85, edgecolor="none", zorder=8))
+    axes.add_patch(Rectangle((x, y), length, thick, facecolor="black", edgecolor="none", zorder=9))
+    axes.text(x + 0.5 * length, y + 2.0 * thick, f"{length:g} m", ha="center", va="bottom", fontsize=9.5, zorder=9)
+
+
+def round_length(length: float) -> float:
+    """Return the longest of 1, 2 and 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(digit * power for digit in (1.0, 2.0, 5.0) if digit * power <= length * (1.0 + 1e-9)))
+
+
+SIDE = 6.6  # longer side of a map that fills a figure, inches
+
+
+@contextmanager
+def map_figure(
+    path: str | os.PathLike[str], window: Window, point_map: "PointMap | None", titles: tuple[str, str],
+    side: float = SIDE,
+) -> Iterator[tuple["Figure", "Axes"]]:  # fmt: skip
+    """Yield a figure with the map of a window, its longer side about so many inches, and its axes."""
+    width, height = (side * length / max(window.size) for length in window.size)
+    with saved_figure(path, max(width + 2.2, 7.4), height + 2.4, *titles) as figure:
+        axes = figure.subplots()
+        draw_map(axes, point_map, window)
+        yield figure, axes
+        draw_scale_bar(axes, window)

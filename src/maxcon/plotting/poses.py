@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError
 from maxcon.map import PointMap
-from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
-from maxcon.plotting.from_above import Window, map_figure
+from maxcon.plotting.figure import INK, MUTED, SERIES, Window, map_figure, saved_figure
 from maxcon.scan.trajectory import Trajectory
 
 # More arrows than this cover each other.
@@ -20,13 +19,9 @@ N_ARROWS = 60
 
 
 def plot_poses(
-    path: str | os.PathLike[str],
-    poses: Trajectory,
-    point_map: PointMap,
-    *,
-    prior: Trajectory | None = None,
+    path: str | os.PathLike[str], poses: Trajectory, point_map: PointMap, *, prior: Trajectory | None = None,
     title: str = "Poses on the map",
-) -> None:
+) -> None:  # fmt: skip
     """Draw poses on the map from above, with their headings.
 
     - path: a .png or .svg to write.
@@ -53,14 +48,9 @@ def plot_poses(
 
 
 def plot_drive(
-    path: str | os.PathLike[str],
-    positions: ArrayLike,
-    errors: ArrayLike,
-    *,
-    point_map: PointMap | None = None,
-    title: str = "The drive from above",
-    success: float = 0.3,
-) -> None:
+    path: str | os.PathLike[str], positions: ArrayLike, errors: ArrayLike, *, point_map: PointMap | None = None,
+    title: str = "The drive from above", success: float = 0.3,
+) -> None:  # fmt: skip
     """Draw the drive from above, each epoch in the colour of its error.
 
     - path: a .png or .svg to write.
@@ -95,18 +85,12 @@ def plot_drive(
 
 
 def plot_residuals(
-    path: str | os.PathLike[str],
-    places: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    are_outliers: NDArray[np.bool_],
-    words: str,
-) -> None:
-    """Draw where places of a map differ from what was measured.
+    path: str | os.PathLike[str], places: NDArray[np.float64], residuals: NDArray[np.float64],
+    are_outliers: NDArray[np.bool_], words: str,
+) -> None:  # fmt: skip
+    """Draw where places of a map differ from what was measured; outliers in another colour, and cut at the border.
 
-    - path: a .png or .svg to write.
-    - places, residuals: shape (n, 3); measured, in the CRS, and less the map's, m.
-    - are_outliers: shape (n,); drawn in another colour, and cut at the border.
-    - words: a line below the title.
+    places, residuals: shape (n, 3); measured, in the CRS, and less the map's, m. words: a line below the title.
     """
     with saved_figure(path, 11.0, 6.0, "Residuals of the georeference", words) as figure:
         above, *rows = figure.subplot_mosaic([["above", "x"], ["above", "y"], ["above", "z"]]).values()

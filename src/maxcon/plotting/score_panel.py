@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maxcon.geometry import Pose, wrap_angle
-from maxcon.plotting.from_above import Window
+from maxcon.plotting.figure import Window
 from maxcon.search.accumulator import Accumulator, highest
 from maxcon.search.objectives import Objective, Scores
 from maxcon.search.space import Cell, SearchSpace

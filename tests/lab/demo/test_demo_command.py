@@ -12,8 +12,7 @@ import pytest
 
 from maxcon.errors import FileError
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.demo import ANSWERS, DEMO_METHODS, DEMO_NAMES, DemoResults
-from maxcon.lab.demo_page import worst_of_the_count
+from maxcon.lab.demo import ANSWERS, DEMO_METHODS, DEMO_NAMES, DemoResults, worst_of_the_count
 from maxcon.lab.study.table import MethodRows, table_schema
 from maxcon.map import PointMap
 from study_tables import study_table

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from maxcon.lab.report import Picture, write_page
-from maxcon.lab.report.study_statistics import plot_error_distributions
+from maxcon.lab.report.charts import plot_error_distributions
+from maxcon.search.space import SearchSpace
 from opened_pages import assert_whole
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7 * 7 }}"
@@ -53,7 +54,6 @@ def page(tmp_path_factory):
     picture = Picture("A street", "Count fails.", "Two squares.", folder / "tiny.png")
     return {
         "title": "maxcon demo",
-        "headline": "A car was localized in 40 of 40 epochs.",
         "methods": {"a": method("Count", "points"), "b": method("Helmert", "<&>")},
         "results": [
             summary("a", 40, 40, 31, 0.052, 5.54, 0.0331613, 81.0),
@@ -65,7 +65,9 @@ def page(tmp_path_factory):
         "spaces": replace(picture, title="A crossing"),
         "errors": Picture("Errors", "Over the drive.", "A chart.", folder / "errors.svg"),
         "drive": replace(picture, title="The drive"),
-        "facts": {"Map": "4.1 million points"},
+        "space": SearchSpace.paper(),
+        "n_tiles": 12,
+        "n_scans": 40,
         "command": "maxcon demo --seed 3",
         "version": "0.1.0",
         "seed": 3,
@@ -90,8 +92,8 @@ def test_table_has_a_row_per_method_and_a_dash_for_no_number(written):
 
 def test_everything_is_escaped(page, tmp_path):
     picture = replace(page["why"], title=HOSTILE, caption=HOSTILE, alt=HOSTILE)
-    words = dict.fromkeys(("title", "headline", "command", "version", "seed"), HOSTILE)
-    write_page(tmp_path / "demo.html", "demo.html.j2", page | words | {"spaces": picture, "facts": {HOSTILE: HOSTILE}})
+    words = dict.fromkeys(("title", "n_tiles", "n_scans", "command", "version", "seed"), HOSTILE)
+    write_page(tmp_path / "demo.html", "demo.html.j2", page | words | {"spaces": picture})
     tags = Tags((tmp_path / "demo.html").read_text("utf-8"))
     assert not tags.named("script")
     assert all(set(attributes) == {"src", "alt"} for attributes in tags.named("img"))
@@ -102,10 +104,7 @@ def test_everything_is_escaped(page, tmp_path):
 @pytest.mark.browser
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])
 def test_a_browser_shows_it_whole(page, tmp_path, width, scheme):
-    long = {
-        "title": "A page with AVeryLongWordThatDoesNotFitOnAPhoneAndCannotBeBrokenAnywhere",
-        "headline": "A. " * 200,
-    }
+    long = {"title": "A page with AVeryLongWordThatDoesNotFitOnAPhoneAndCannotBeBrokenAnywhere", "n_tiles": "A. " * 200}
     write_page(tmp_path / "demo.html", "demo.html.j2", page | long | {"command": "maxcon demo --out " + "folder/" * 30})
     assert_whole(tmp_path / "demo.html", width, scheme, 6)
 

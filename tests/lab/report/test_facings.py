@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import maxcon
-from maxcon.lab.report.facings import facings
+from maxcon.lab.report.drive_page import facings
 
 
 def walls(off):

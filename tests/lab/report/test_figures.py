@@ -14,15 +14,20 @@ from matplotlib.figure import Figure
 import maxcon
 from drawn_figures import HOSTILE, BelowZero, assert_all_fits, parts, png_size, words, yard
 from maxcon.errors import OptionError
-from maxcon.lab.evaluation import Quantiles, RiskCoverage
-from maxcon.lab.paper.distinctness_plots import MEASURES, plot_distinctness, plot_kurtosis_map
-from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison, plot_overview
-from maxcon.lab.report.certainty_plots import plot_risk_coverage, plot_sigmas, plot_stanford
-from maxcon.lab.report.prior_error import plot_prior_error
-from maxcon.lab.report.study_statistics import percents_within, plot_error_distributions, plot_success, round_width
-from maxcon.lab.report.timeline import ErrorRow, plot_timeline
+from maxcon.lab.evaluation import Quantiles
+from maxcon.lab.report.certainty_plots import ErrorRow, plot_stanford, plot_timeline
+from maxcon.lab.report.charts import percents_within, plot_error_distributions
+from maxcon.lab.report.paper_figures import (
+    MEASURES,
+    ComparisonRow,
+    plot_comparison,
+    plot_distinctness,
+    plot_kurtosis_map,
+)
+from maxcon.lab.report.prior_error import levels_of_distance, plot_prior_error, round_width
 from maxcon.lab.study import MethodStatistics
 from maxcon.plotting.score_panel import SearchSpaceView
+from study_tables import rows_of
 
 GENERATOR = np.random.default_rng(4)
 ALONG = np.linspace(-8.0, 8.0, 40)
@@ -37,12 +42,6 @@ def views():
     accumulator = parts()["accumulator"]
     chosen = (maxcon.Count(), maxcon.Helmert(), BelowZero())
     return [SearchSpaceView(accumulator, objective, HOSTILE if not n else "") for n, objective in enumerate(chosen)]
-
-
-def risk(n_epochs, n_trusted, n_wrong):
-    """So many epochs, the first of them trusted and the very first wrong."""
-    place = np.arange(n_epochs)
-    return RiskCoverage.of(place >= n_wrong, np.ones(n_epochs), place < n_trusted, place / n_epochs)
 
 
 def levels(names):
@@ -74,13 +73,6 @@ def trajectory(n=9):
     return maxcon.Trajectory.from_poses(np.arange(float(n)), poses)
 
 
-def others(*offsets):
-    """The same scan with the prior so many metres farther east: nothing is near enough to be found."""
-    unsure = replace(parts()["estimate"], status=maxcon.Status.AT_RIM)
-    moved = [replace(parts()["accumulator"], prior=yard().prior.translated([x, 0.0, 0.0])) for x in offsets]
-    return [(accumulator, unsure) for accumulator in moved]
-
-
 def comparison_rows(n_views=3):
     far = maxcon.Pose(-12.34, 12.34, 0.0, 0.0, 0.0, np.radians(10.0))
     scan, point_map = yard().scan, yard().point_map
@@ -98,20 +90,14 @@ FIGURES = {
     "poses": lambda path: maxcon.plot_poses(path, trajectory(), yard().point_map, prior=trajectory(2), title=HOSTILE),
     "drive": lambda path: maxcon.plot_drive(path, PLACES, ERRORS, point_map=yard().point_map, title=HOSTILE),
     "comparison": lambda path: plot_comparison(path, comparison_rows(), title=HOSTILE),
-    "overview": lambda path: plot_overview(path, **parts(), others=others(-2.0), title=HOSTILE),
     "distinctness": lambda path: plot_distinctness(path, {HOSTILE: measures(), "other": measures()}, title=HOSTILE),
     "kurtosis": lambda path: plot_kurtosis_map(
         path, PLACES, (HOSTILE, 1.0 + ERRORS), ("B", 9.0 + 9.0 * ERRORS), point_map=yard().point_map, title=HOSTILE
     ),
     "distributions": lambda path: plot_error_distributions(path, METHODS),
-    "success": lambda path: plot_success(
-        path, {HOSTILE: (np.abs(ALONG), ALONG > 0.0), "b": (np.abs(ALONG[:30]), ALONG[:30] > 0.0)}
-    ),
-    "sigmas": lambda path: plot_sigmas(path, [ErrorRow(HOSTILE, "m", ERRORS, np.full(40, 0.01), NAN)], title=HOSTILE),
     "Stanford": lambda path: plot_stanford(
         path, {"x": ERRORS, "y": NAN}, {"x": np.full(40, 0.1), "y": ERRORS + 0.1}, title=HOSTILE
     ),
-    "risk": lambda path: plot_risk_coverage(path, {HOSTILE: risk(30, 20, 1), "none": risk(1, 0, 1)}),
     "timeline": lambda path: plot_timeline(path, np.arange(40.0), STATUSES, ALONG > 7.0, rows(), title=HOSTILE),
     "prior error": lambda path: plot_prior_error(path, dict.fromkeys(["a", HOSTILE], levels(["b", HOSTILE]))),
 }  # fmt: skip
@@ -146,12 +132,7 @@ ODD = {
     "a drive without an answer": lambda path: maxcon.plot_drive(path, PLACES, NAN),
     "one pose": lambda path: maxcon.plot_poses(path, trajectory(1), yard().point_map),
     "errors beyond the axis": lambda path: plot_error_distributions(path, {"a": array(0.0, 0.01, 10.0, np.nan, 1e9)}),
-    "an empty bin, no success": lambda path: plot_success(path, {"a": (array(0.1, 3.0), np.zeros(2, bool))}),
-    "a huge error": lambda path: plot_sigmas(
-        path, [ErrorRow("x", "m", array(1e9, 0.0), array(0.01, 0.01), NAN)], title="T"
-    ),
     "no level": lambda path: plot_stanford(path, {"x": array(0.0)}, {"x": array(np.nan)}, title="T"),
-    "all wrong": lambda path: plot_risk_coverage(path, {"a": risk(30, 30, 30)}),
     "one epoch": lambda path: plot_timeline(path, array(7), ["localized"], array(1) > 0.0, rows(1), title="T"),
     "two equal kurtoses": lambda path: plot_kurtosis_map(
         path, PLACES[:2], ("a", array(3.0, 3.0)), ("b", array(3.0, 3.0)), point_map=None, title="T"
@@ -194,28 +175,18 @@ def drawn(monkeypatch):
 @pytest.mark.parametrize("n_epochs", [1, 1001])
 def test_nothing_is_cut_off_in_figures_of_certainty(n_epochs, tmp_path, drawn):
     errors, sigmas, statuses = _certainty(n_epochs)
-    panels = [ErrorRow(f"kind {number}", "cm", errors[number], sigmas[number], sigmas[number]) for number in range(3)]
-    plot_sigmas(tmp_path / "sigmas.png", panels, title="Error against predicted sigma: a method")
     by_errors, by_levels = dict(along=errors[0], across=errors[1]), dict(along=3.0 * sigmas[0], across=40.0 * sigmas[1])
     plot_stanford(tmp_path / "stanford.png", by_errors, by_levels, title="Protection level against true error")
     levels = ErrorRow("along", "cm", 100.0 * errors[0], 100.0 * sigmas[0], 300.0 * sigmas[0])
     wrong, epochs = np.abs(errors[0]) > 0.3, np.arange(float(n_epochs))
     plot_timeline(tmp_path / "timeline.svg", epochs, list(statuses), wrong, [levels], title="A drive")
     assert (tmp_path / "timeline.svg").stat().st_size < 1_000_000  # many epochs are drawn as pixels
-    found = RiskCoverage.of(~wrong, ~np.isnan(errors[0]), statuses == "localized", np.abs(errors[1]))
-    names = [f"a method by a long name {number}" for number in range(8)]
-    plot_risk_coverage(tmp_path / "risk.png", dict.fromkeys(names, found))
     for figure in drawn:
         assert_all_fits(figure, panels_apart=False)
 
 
 @pytest.mark.parametrize("n_shown", [2, 3])
-def test_nothing_is_cut_off_in_overview_and_comparison(n_shown, tmp_path, drawn):
-    status = maxcon.Status.LOCALIZED if n_shown == 2 else maxcon.Status.NOT_CONVERGED
-    given = yard().conclude(objective=BelowZero())
-    given["estimate"] = replace(given["estimate"], status=status)
-    beside = others(-2.0, 2.0)[: n_shown - 2]
-    plot_overview(tmp_path / "overview.png", **given, others=beside, title="Epoch 1234 and its neighbours")
+def test_nothing_is_cut_off_in_a_comparison(n_shown, tmp_path, drawn):
     named = [replace(view, title=view.title and "Count, every map point") for view in views()[:n_shown]]
     shown = [row._replace(label="street, epoch 1234", views=named) for row in comparison_rows()]
     plot_comparison(tmp_path / "a.png", shown, title="Count beside Helmert's score, from the reference")
@@ -233,7 +204,7 @@ def test_percents_count_what_they_say(errors, limit):
 
 
 @pytest.mark.parametrize(
-    ("farthest", "expected"), [(0.0, 0.5), (9.99, 0.5), (10.0, 1.0), (39.0, 2.0), (99.0, 5.0), (350.0, 20.0)]
+    ("farthest", "expected"), [(0.0, 0.5), (3.99, 0.5), (4.0, 1.0), (15.0, 2.0), (39.0, 5.0), (150.0, 20.0)]
 )
 def test_bins_are_of_round_width(farthest, expected):
     assert round_width(farthest) == expected
@@ -245,24 +216,38 @@ def told(path, draw):
     return words(path / "plot.svg")
 
 
-def test_errors_and_success_are_counted(tmp_path):
+def test_errors_are_counted(tmp_path):
     errors = {"Count": array(0.1, 0.5, np.nan, np.nan), "Helmert": array(0.1, 0.2, 0.3, 0.36)}
     written = told(tmp_path, lambda path: plot_error_distributions(path, errors))
     assert {"Count: 25.0 %, 2 without an answer", "Helmert: 75.0 %"} <= set(written)
     assert "Epochs: 4, those without an answer too. Dashed: success, 0.3 m. Below: shares within it." in written
-    # Bins hold their lower edges.
-    found = {"Count": (array(0.1, 0.5, 1.2), array(0, 1, 0) > 0), "Helmert": (array(0.1, 0.2, 1.2), array(1, 1, 1) > 0)}
-    written = told(tmp_path, lambda path: plot_success(path, found))
-    assert {"Count: 33.3 %", "Helmert: 100.0 %"} <= set(written)
-    assert "Success: within 0.3 m and 1° of the reference. Bins of 0.5 m; bars: 95 % intervals." in written
-    place = written.index("epochs")
-    assert written[place - 3 : place] == ["1–2", "0–1", "1"]
 
 
-def test_sigmas_levels_and_risk_are_counted(tmp_path):
-    panel = error_row([0.5, -1.5, 2.5, 9.0, np.nan], np.ones(5), NAN)
-    written = told(tmp_path, lambda path: plot_sigmas(path, [panel], title="T"))
-    assert {"within: 25.0 · 50.0 · 75.0 % of 4", "predicted sigma [cm]"} <= set(written)
+def test_epochs_are_binned_by_the_distance_of_their_prior(tmp_path):
+    """Bins hold their lower edges; what was not tried, or has no prior, is in none."""
+
+    def row(distance, is_success, **more):
+        known = {"prior_distance": distance, "is_success": is_success, "is_localized": True, "distance": 9.0}
+        return known | {"status": "localized", "reference_x": 0.0, "ms": 7.0} | more
+
+    rows = rows_of({
+        "count": [row(0.1, False), row(0.5, True), row(1.2, False)],
+        "helmert": [row(0.1, True), row(0.2, True), row(1.2, True), row(0.3, True, status="unreadable scan"),
+                    row(None, True)],
+    })  # fmt: skip
+    found = levels_of_distance({"Count": rows["count"], "Helmert": rows["helmert"]})
+    counted = {name: [(one.method, one.n_success, one.n_epochs) for one in level] for name, level in found.items()}
+    assert counted == {
+        "0.5 m, 1–2 epochs": [("Count", 0, 1), ("Helmert", 2, 2)],
+        "1 m, 1 epoch": [("Count", 1, 1)],
+        "1.5 m, 1 epoch": [("Count", 0, 1), ("Helmert", 1, 1)],
+    }
+    written = told(tmp_path, lambda path: plot_prior_error(path, {"prior “gnss”": found}))
+    assert {"prior “gnss”", "Count: 7 ms", "0.5 m", "1–2 epochs"} <= set(" ".join(written).split("\n")) | set(written)
+    assert levels_of_distance({"Count": rows["count"].where(np.zeros(3, bool))}) == {}
+
+
+def test_levels_are_counted(tmp_path):
     errors = {"along": array(0.05, -0.1, 0.2, -0.5, 0.1, 0.9, 3.0, np.nan), "none": array(0.1)}
     levels = {"along": array(0.10, 0.10, 0.1, 0.10, 0.4, 0.4, np.nan, np.nan), "none": array(np.nan)}
     written = told(tmp_path, lambda path: plot_stanford(path, errors, levels, title="T"))
@@ -272,9 +257,6 @@ def test_sigmas_levels_and_risk_are_counted(tmp_path):
     assert "Errors above their level: 2 of 4 used epochs;" in written
     assert "proved with 95 % confidence: a rate of at most 90.2 %." in written
     assert "No epoch has a level within the alert limit:" in written
-    found = {"maxcon": risk(1200, 1100, 0), "gicp-3m": risk(1200, 1000, 7)}
-    written = told(tmp_path, lambda path: plot_risk_coverage(path, found))
-    assert {"maxcon: 0 of 1,100", "gicp-3m: 7 of 1,000"} <= set(written)
 
 
 def error_row(errors, sigmas, levels):
@@ -300,6 +282,6 @@ def test_statuses_and_wrong_answers_are_counted(tmp_path):
 def test_drives_methods_levels_and_times_are_named(tmp_path):
     found = levels(("maxcon", "count 1 m, then GICP", "my method"))
     written = " ".join(told(tmp_path, lambda path: plot_prior_error(path, {"one drive": found, "a $second$": found})))
-    assert "one drive, 10 epochs" in written and "a $second$, 10 epochs" in written
+    assert "one drive" in written and "a $second$" in written
     for label in ("maxcon: 12 ms", "count 1 m, then GICP: 110 ms", "my method: 210 ms", "12 m", "12°", "median [ms]"):
         assert label in written

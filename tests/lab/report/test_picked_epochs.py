@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
 from maxcon._system.resumable import describe
-from maxcon.lab.report.study_pictures import pick_epochs, space_of
+from maxcon.lab.report.study_scenes import pick_epochs, space_of
 from maxcon.search.space import SearchSpace
 from study_tables import rows_of
 

@@ -5,7 +5,7 @@
 import pytest
 
 from maxcon.lab.evaluation import ProtectionCounts
-from maxcon.lab.report.study_certainty import certainty_of
+from maxcon.lab.report.study_figures import certainty_of
 from study_tables import rows_of
 
 ANSWER = {
@@ -35,28 +35,28 @@ def test_errors_are_held_to_sigmas_and_levels(tmp_path):
     assert [row["verdict"] for row in coverage["rows"]] == [
         "too large", "too small", "too large", "too large", "too small"
     ]  # fmt: skip
-    assert coverage["squares"].mean == pytest.approx(4.25 / 2.0)
+    assert coverage["rows"][-1]["coverage"].rms ** 2 == pytest.approx(4.25)
     assert protection["counts"] == {
         "along": ProtectionCounts(10, 0, 0, 0, 1),
         "across": ProtectionCounts(1, 9, 0, 0, 1),
         "either": ProtectionCounts(1, 9, 0, 0, 1),
     }
     assert (protection["risk"], protection["n_to_prove"]) == (0.02, 149)
-    assert {path.stem for path in tmp_path.iterdir()} == {"sigmas", "stanford", "risk-coverage", "timeline"}
+    assert {path.stem for path in tmp_path.iterdir()} == {"stanford", "timeline"}
     assert found["notes"] == []
 
 
 def test_baselines_alone_are_shown_without_sigmas_and_the_page_says_so(tmp_path):
     found = certainty_of(tmp_path, by_prior({"gicp-3m": [ANSWER, WITHHELD]}), "gnss", {})
-    assert [found[name] for name in ("coverage", "protection", "coverage_pictures", "protection_pictures")] == [[]] * 4
-    assert {path.stem for path in tmp_path.iterdir()} == {"risk-coverage", "timeline"}
+    assert [found[name] for name in ("coverage", "protection", "protection_pictures")] == [[]] * 3
+    assert {path.stem for path in tmp_path.iterdir()} == {"timeline"}
     assert "no method predicts its errors here, with the prior “gnss”" in found["notes"][0]
 
 
 def test_sigmas_without_levels_have_no_stanford_diagram(tmp_path):
     found = certainty_of(tmp_path, by_prior({"maxcon": [ANSWER | SIGMAS]}), "gnss", CONFIGURED)
     assert len(found["coverage"]) == 1 and found["protection"] == []
-    assert {path.stem for path in tmp_path.iterdir()} == {"sigmas", "risk-coverage", "timeline"}
+    assert {path.stem for path in tmp_path.iterdir()} == {"timeline"}
     assert found["notes"] == ["No Stanford diagram: maxcon gives no protection levels."]
 
 
@@ -64,7 +64,7 @@ def test_every_prior_has_its_tables_and_its_timeline(tmp_path):
     rows = by_prior({"maxcon": [ANSWER | SIGMAS | LEVELS] * 3}, ("gnss", "uniform", "reference"))
     found = certainty_of(tmp_path, rows, "uniform", CONFIGURED)
     assert len(found["coverage"]) == len(found["protection"]) == 3
-    assert [picture.title.rpartition(" ")[2] for picture in found["status_pictures"][1:]] == [
+    assert [picture.title.rpartition(" ")[2] for picture in found["status_pictures"]] == [
         "“uniform”", "“gnss”", "“reference”"
     ]  # fmt: skip
     assert {"timeline", "timeline-2", "timeline-3"} <= {path.stem for path in tmp_path.iterdir()}

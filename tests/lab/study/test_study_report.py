@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import pytest
 
 from maxcon.errors import FileError, OptionError
-from maxcon.lab.report.study_pictures import draw_scenes
 from maxcon.lab.report.study_report import report_study
+from maxcon.lab.report.study_scenes import draw_scenes
 from maxcon.lab.study.table import table_of
 from opened_pages import assert_whole
 
 FIGURES = {
-    "scene", "headings", "comparison", "distinctness-points", "kurtosis-points", "success", "errors",
-    "risk-coverage", "timeline",
+    "headings", "comparison", "distinctness-points", "kurtosis-points", "success", "errors",
+    "timeline",
 }  # fmt: skip
 
 
@@ -48,7 +48,7 @@ def test_a_method_that_predicts_its_errors_is_held_to_it(copied, tried, tmp_path
     sorted(copied.scans.glob("*.bin"))[1].write_bytes(b"123")
     study = tried(["maxcon", "count-points", "helmert-points"])
     folder = report_study(study.folder, tmp_path / "page.html")
-    assert {path.stem for path in folder.iterdir()} == FIGURES | {"sigmas", "stanford"}
+    assert {path.stem for path in folder.iterdir()} == FIGURES | {"stanford"}
     text = (tmp_path / "page.html").read_text()
     for words in (
         "Errors within predicted sigmas: maxcon, prior “uniform”",
@@ -65,7 +65,7 @@ def test_a_moved_or_changed_dataset_leaves_the_scenes_out_and_says_so(copied, tr
     copied.folder.rename(tmp_path / "moved")
     folder = report_study(study.folder, tmp_path / "gone.html", figures=tmp_path / "pictures")
     assert folder == tmp_path / "pictures"
-    assert {path.stem for path in folder.iterdir()} == FIGURES - {"scene", "headings", "comparison"}
+    assert {path.stem for path in folder.iterdir()} == FIGURES - {"headings", "comparison"}
     assert "No scenes: Expected a dataset" in (tmp_path / "gone.html").read_text()
     report_study(study.folder, tmp_path / "found.html", dataset=tmp_path / "moved")
     assert {path.stem for path in (tmp_path / "found-figures").iterdir()} == FIGURES

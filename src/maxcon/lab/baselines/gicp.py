@@ -25,12 +25,8 @@ MATCH_VARIANCE = 2e-3
 """Variance along the common normal of a scan point and a map point on a plane: small_gicp gives each 1e-3."""
 
 
-def check_small_gicp() -> None:
-    """Say that small_gicp is missing before the work that leads to it."""
-    _small_gicp()
-
-
-def _small_gicp() -> Any:
+def check_small_gicp() -> Any:
+    """Return the package small_gicp, or say that it is missing, before the work that leads to it."""
     with needs_extra("small_gicp", "for generalized ICP", "baselines"):
         import small_gicp
     return small_gicp
@@ -51,11 +47,8 @@ class Gicp(StartedMethod):
     """Localizes scans by generalized ICP: both clouds are made of small planes.
 
     Unknown are all six: x, y, z, roll, pitch and heading. In a map without ground, little holds z and pitch. What is
-    said of `Icp` holds here too, but `cofactor` is in units of the variance of one match of two planes that face each
-    other, all else held; `NOT_CONVERGED` is small_gicp's own word.
-
-    - gate, thinning, max_iterations, step_tolerance, turn_tolerance, target_edge, targets: see `Icp`.
-    - n_neighbours: neighbours from which the covariance of a point is estimated, in scan and map.
+    said of `Icp` and its options holds here too, but `cofactor` is in units of the variance of one match of two planes
+    that face each other, all else held; `NOT_CONVERGED` is small_gicp's own word.
     """
 
     gate: float = 3.0
@@ -64,7 +57,7 @@ class Gicp(StartedMethod):
     step_tolerance: float = 1e-3
     turn_tolerance: float = 2e-3
     target_edge: float = 0.5
-    n_neighbours: int = 10
+    n_neighbours: int = 10  # from which the covariance of a point is estimated, in scan and map
     targets: MapTargets = field(default_factory=MapTargets, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -83,7 +76,7 @@ class Gicp(StartedMethod):
         return self._cloud(points, np.array([*place.middle, 0.0]))
 
     def _cloud(self, points: NDArray[np.float64], origin: NDArray[np.float64]) -> _Cloud:
-        small_gicp = _small_gicp()
+        small_gicp = check_small_gicp()
         cloud = small_gicp.PointCloud(points - origin)
         tree = small_gicp.KdTree(cloud) if len(points) else None
         if len(points):
@@ -106,7 +99,7 @@ class _GicpAligner:
         T_target_source = np.eye(4)
         T_target_source[:3, :3] = start.rotation
         T_target_source[:3, 3] = start.position - self.target.origin
-        found = _small_gicp().align(
+        found = check_small_gicp().align(
             self.target.cloud, self.source.cloud, self.target.tree, T_target_source, registration_type="GICP",
             max_correspondence_distance=self.method.gate, num_threads=1, max_iterations=self.method.max_iterations,
             rotation_epsilon=self.method.turn_tolerance, translation_epsilon=self.method.step_tolerance,

@@ -36,39 +36,36 @@ class Residual(NamedOption, option="residual"):
     """
 
     POINT = "point"
-    """r itself."""
+    """r itself, in x and y."""
 
     def normal_equations(
         self, arms: NDArray[np.float64], offsets: NDArray[np.float64], normals: NDArray[np.float64]
     ) -> NormalEquations:
-        """Linearize half the sum of squared residuals at the present pose.
+        """Linearize half the sum of squared residuals at the present pose; a Gauss-Newton step d solves N d = -A^T r.
 
-        arms, shape (n, 3): from the sensor to each scan point, axes of the map, m; a turn dh moves it by (-y, x, 0) dh.
-        offsets, shape (n, 3): r, m. normals, shape (n, 3): of the map at q; not used by `POINT`.
-        The rows of A are the derivatives of the residuals; a step d of Gauss-Newton solves N d = -A^T r.
+        arms, offsets, normals, shape (n, 3): from the sensor to each scan point, axes of the map, m; r, m; of the map
+        at q, not used by `POINT`. The rows of A are the derivatives of the residuals; a turn dh moves a point by
+        (-y, x, 0) dh.
         """
         x, y, _ = arms.T
-        if self is Residual.PLANE:
-            design = np.column_stack([normals[:, 0], normals[:, 1], normals[:, 1] * x - normals[:, 0] * y])
-            return design.T @ design, design.T @ np.einsum("ij,ij->i", normals, offsets)
-        n, turn_x, turn_y = float(len(x)), float(-y.sum()), float(x.sum())
-        matrix = np.array([[n, 0.0, turn_x], [0.0, n, turn_y], [turn_x, turn_y, float(x @ x + y @ y)]])
-        gradient = [offsets[:, 0].sum(), offsets[:, 1].sum(), x @ offsets[:, 1] - y @ offsets[:, 0]]
-        return matrix, np.array(gradient)
+        matrix, gradient = np.zeros((3, 3)), np.zeros(3)
+        for along in [normals] if self is Residual.PLANE else np.eye(3)[:2, None]:
+            columns = np.broadcast_arrays(along[:, 0], along[:, 1], along[:, 1] * x - along[:, 0] * y)
+            design = np.column_stack(columns)
+            matrix += design.T @ design
+            gradient += design.T @ (along * offsets).sum(axis=1)
+        return matrix, gradient
 
 
 def smallest_step(equations: NormalEquations, arm: float) -> tuple[NDArray[np.float64], bool]:
-    """Shortest step d with N d = -gradient: nothing moves in a direction that N leaves open.
+    """Shortest step d with N d = -gradient, and whether N leaves no direction open; nothing moves in an open one.
 
-    A turn is as long as the way it moves a point at the distance `arm`, m. Also returns whether no direction is open.
+    A turn is as long as the way it moves a point at the distance `arm`, m.
     """
     matrix, gradient = equations
     scale = np.array([1.0, 1.0, 1.0 / max(arm, 1e-3)])
-    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    is_fixed = values > OPEN_RATIO * values[-1]
-    along = vectors[:, is_fixed]
-    step = -along @ ((along.T @ (scale * gradient)) / values[is_fixed])
-    return scale * step, bool(is_fixed.all())
+    step, _, rank, _ = np.linalg.lstsq(matrix * np.outer(scale, scale), -scale * gradient, rcond=OPEN_RATIO)
+    return scale * step, bool(rank == len(scale))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,37 +81,29 @@ class _Target:
 class Icp(StartedMethod):
     """Localizes scans by ICP: the nearest map point of each scan point, a least-squares step, and again.
 
-    Unknown are x, y and heading, which turns about the sensor; z, roll and pitch are the prior's, as with
-    maximum consensus (D2). The answer is the nearest minimum, which need not be the right one: what it
-    says of itself (`status`, `cofactor`) holds only if it is. Without ground in the map, scan points on the ground,
-    on cars and on bushes find no partner within the gate, or a wrong one at the foot of a facade.
+    Unknown are x, y and heading, which turns about the sensor; z, roll and pitch are the prior's, as with maximum
+    consensus (D2). The answer is the nearest minimum, which need not be the right one: what it says of itself holds
+    only if it is. Without ground in the map, scan points on the ground, on cars and on bushes find no partner within
+    the gate, or a wrong one at the foot of a facade.
 
-    - residual: "plane" or "point": distance of a scan point from the plane of its partner, or from its partner.
-    - gate: a scan point farther than this from every map point (in x, y and z together) has no partner, m.
-      **State it with every figure**: from the paper's 5 x 5 starts, point-to-plane fails in 37 of 40 epochs
-      of a simulated drive with 1 m and in none with 3 m; wrong partners within 3 m cost precision instead.
-    - thinning: the scan is thinned to one point, the mean, per cube of this edge, m; 0 for all points. Without it
-      the near ground and the nearest facade outvote the rest.
-    - max_iterations: point-to-point slides along a wall by a little in each step: 50 are too few.
-    - step_tolerance, turn_tolerance: converged when a step is shorter than this, m, and turns less than this, rad.
-    - target_edge: the voxels of the map are merged to one point, the mean, per cube of this edge, m.
-    - targets: cache of what is made of the map; methods with the same object share it.
+    **State the gate with every figure**: from the paper's 5 x 5 starts, point-to-plane fails in 37 of 40 epochs of a
+    simulated drive with 1 m and in none with 3 m; wrong partners within 3 m cost precision instead.
 
-    Of the estimate, `score` is the number of correspondences of the last step and `share` their fraction of the thinned
-    scan. `cofactor` is the inverse of the x, y block of N at the last step, with the heading held, in units of one
-    residual's variance; with `point`, N has the same weight in all directions and cannot tell an open one. Status
-    `UNDETERMINED` if N leaves a direction open or nearly so, `NO_MATCH` (and the prior) if no scan point is within the
-    gate, `NOT_CONVERGED` if the last step was not small.
+    Of the estimate, `score` is the number of correspondences of the last step, `share` their fraction of the thinned
+    scan, and `cofactor` the inverse of the x, y block of N, with the heading held, in units of one residual's variance;
+    with `point`, N has the same weight in all directions and cannot tell an open one. Status `UNDETERMINED` if N leaves
+    a direction open or nearly so, `NO_MATCH` (and the prior) if no scan point is within the gate, `NOT_CONVERGED` if
+    the last step was not small.
     """
 
-    residual: str | Residual = Residual.PLANE
-    gate: float = 1.0
-    thinning: float = 0.75
-    max_iterations: int = 100
-    step_tolerance: float = 3e-3
-    turn_tolerance: float = 5e-4
-    target_edge: float = 0.25
-    targets: MapTargets = field(default_factory=MapTargets, repr=False, compare=False)
+    residual: str | Residual = Residual.PLANE  # or "point"
+    gate: float = 1.0  # a scan point farther than this from every map point has no partner, m
+    thinning: float = 0.75  # the scan is thinned to a mean per cube of this edge, m; 0: the near ground outvotes all
+    max_iterations: int = 100  # point-to-point slides along a wall by a little in each step: 50 are too few
+    step_tolerance: float = 3e-3  # converged when a step is shorter than this, m,
+    turn_tolerance: float = 5e-4  # and turns less than this, rad
+    target_edge: float = 0.25  # the map's voxels are merged to a mean per cube of this edge, m
+    targets: MapTargets = field(default_factory=MapTargets, repr=False, compare=False)  # methods may share one
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "residual", Residual.parse(self.residual))

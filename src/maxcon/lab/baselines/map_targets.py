@@ -37,7 +37,7 @@ class Place:
 
     @classmethod
     def of_scan(cls, points_sensor: NDArray[np.float64], around: Pose, gate: float, spread: float) -> "Place":
-        """Return the place of a scan: its range, a correspondence gate and a spread of starts (m) beyond `around`."""
+        """Return the place of a scan around a pose, with a correspondence gate and a spread of starts, m."""
         largest_range = float(np.linalg.norm(points_sensor, axis=1).max(initial=0.0))
         reach = REACH_STEP * math.ceil((largest_range + gate + spread + DRIFT) / REACH_STEP)
         return cls(math.floor(around.x / SQUARE), math.floor(around.y / SQUARE), reach)
@@ -113,14 +113,13 @@ _Planes = tuple[NDArray[np.float64], NDArray[np.float64]]
 class MapTargets:
     """Cache (LRU) of thinned map tiles, and of what methods made of the places around the last epochs.
 
-    Methods with the same object share it, also in several threads, which wait for each other. A pickled or copied one
-    is empty; answers do not depend on what it holds.
+    Methods with the same object share it, also in several threads. A pickled or copied one is empty; answers do not
+    depend on what it holds.
     """
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
-        self._kept: WeakKeyDictionary[PointMap, tuple[OrderedDict[Any, Any], OrderedDict[Any, Any]]]
-        self._kept = WeakKeyDictionary()
+        self._kept: WeakKeyDictionary[PointMap, dict[int, OrderedDict[Hashable, Any]]] = WeakKeyDictionary()
 
     def planes(self, point_map: PointMap, place: Place, edge: float) -> _Planes:
         """Return points and unit normals of the map within reach of a place, one per cube of `edge` (m) of each tile.
@@ -129,26 +128,21 @@ class MapTargets:
         """
         points, normals = [np.empty((0, 3))], [np.empty((0, 3))]
         for key in point_map.keys_within(*place.middle, place.half_width):
-            merged = self._get(point_map, 1, N_TILES, (key, edge), partial(_merged, point_map, key, edge))
+            merged = self.get(point_map, (key, edge), partial(_merged, point_map, key, edge), N_TILES)
             is_near = place.reaches(merged[0])
             points.append(merged[0][is_near])
             normals.append(merged[1][is_near])
         return np.concatenate(points), np.concatenate(normals)
 
-    def get(self, point_map: PointMap, key: Hashable, make: Callable[[], Made]) -> Made:
-        """Return what was made of a map under a key, or make it."""
-        made: Made = self._get(point_map, 0, N_TARGETS, key, make)
-        return made
-
-    def _get(self, point_map: PointMap, shelf: int, n_kept: int, key: Hashable, make: Callable[[], Any]) -> Any:
+    def get(self, point_map: PointMap, key: Hashable, make: Callable[[], Made], n_kept: int = N_TARGETS) -> Made:
+        """Return what was made of a map under a key, or make it; the last `n_kept` of that number are kept."""
         with self._lock:
-            kept = self._kept.setdefault(point_map, (OrderedDict(), OrderedDict()))[shelf]
-            if key not in kept:
-                kept[key] = make()
-            kept.move_to_end(key)
+            kept = self._kept.setdefault(point_map, {}).setdefault(n_kept, OrderedDict())
+            made: Made = kept.pop(key) if key in kept else make()
+            kept[key] = made
             while len(kept) > n_kept:
                 kept.popitem(last=False)
-            return kept[key]
+            return made
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), ()

@@ -75,7 +75,7 @@ class Choice(NamedOption, option="choice"):
     """Which end of many starts is the answer, and when it may be used."""
 
     AGREEMENT = "agreement"
-    """The one with the most correspondences; it may be used if all starts ended there."""
+    """The one with the most correspondences, the first of equal ones; it may be used if all starts ended there."""
 
     OVERLAP = "overlap"
     """The one that leaves the most scan points near the map; it may be used if the method itself says so."""
@@ -87,19 +87,15 @@ class MultiStart(StartedMethod):
 
     In the paper's evaluation the grid is centred at the reference, and ICP fails in an epoch if not all starts
     end at the reference: take `estimates` for that. `localize` is what can be had without a reference.
-
-    - method: `Icp` or `Gicp`. The work that does not depend on the start is done once.
-    - n_side, spacing: starts along each side of the grid, and between two of them, m.
-    - n_headings, heading_spacing_deg: every place of the grid is tried at so many headings, so many degrees apart.
-    - choice: "agreement" or "overlap": which end is the answer. Correspondences within a wide gate are about as many at
-      a wrong place as at the right one: where most starts are expected to fail, take `overlap`.
     """
 
-    method: StartedMethod
-    n_side: int = 5
-    spacing: float = 1.0
-    n_headings: int = 1
-    heading_spacing_deg: float = 1.0
+    method: StartedMethod  # what does not depend on the start is done once
+    n_side: int = 5  # starts along each side of the grid
+    spacing: float = 1.0  # between two of them, m
+    n_headings: int = 1  # every place of the grid is tried at so many headings,
+    heading_spacing_deg: float = 1.0  # so many degrees apart
+    # Correspondences within a wide gate are about as many at a wrong place as at the right one: where most starts are
+    # expected to fail, take `overlap`
     choice: str | Choice = Choice.AGREEMENT
 
     def __post_init__(self) -> None:
@@ -141,24 +137,22 @@ class MultiStart(StartedMethod):
     def choose(self, estimates: Sequence[Estimate]) -> Estimate:
         """Return the end with the highest score, the first of equal ones: correspondences, or the overlap.
 
-        By agreement, what would be `LOCALIZED` is `AMBIGUOUS` if not all starts ended within 0.3 m and 1 degree of it.
-        Most correspondences need not be the right place: in a street of equal houses every house has about as many.
+        By agreement, what would be `LOCALIZED` is `AMBIGUOUS` if not all starts ended within 0.3 m and 1 degree of it:
+        in a street of equal houses every house has about as many correspondences.
         """
         best = max(estimates, key=lambda estimate: estimate.score)
         if self.choice is Choice.OVERLAP:
             return best
-        if best.is_localized and not all(self._agrees(estimate.pose, best.pose) for estimate in estimates):
-            return replace(best, status=Status.AMBIGUOUS)
-        return best
+        agree = all(
+            math.hypot(end.pose.x - best.pose.x, end.pose.y - best.pose.y) <= NEAR
+            and abs(wrap_angle(end.pose.heading - best.pose.heading)) <= SAME_HEADING
+            for end in estimates
+        )
+        return best if agree or not best.is_localized else replace(best, status=Status.AMBIGUOUS)
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Return what `choose` makes of `estimates` around the prior."""
         return self.choose(self.estimates(scan, point_map, prior))
-
-    def _agrees(self, pose: Pose, best: Pose) -> bool:
-        distance = math.hypot(pose.x - best.x, pose.y - best.y)
-        turned = abs(wrap_angle(pose.heading - best.heading))
-        return distance <= NEAR and turned <= SAME_HEADING
 
 
 def _steps_about_zero(n_steps: int, spacing: float) -> list[float]:

@@ -7,6 +7,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, Self
@@ -26,9 +27,8 @@ class Picture:
 
     @classmethod
     def of(cls, name: str, path: Path, **values: object) -> Self:
-        """Return a picture with the words of that name in `captions.toml`, and values in them."""
-        words = tomllib.loads(resources.files(__name__).joinpath("captions.toml").read_text(encoding="utf-8"))[name]
-        title, caption, alt = (words[part].format(**values) for part in ("title", "caption", "alt"))
+        """Return a picture with the words of that name in `words.toml`, and values in them."""
+        title, caption, alt = (page_words()[name][part].format(**values) for part in ("title", "caption", "alt"))
         return cls(title, caption, alt, path)
 
     @property
@@ -38,10 +38,17 @@ class Picture:
         return f"data:{kind};base64,{base64.b64encode(self.path.read_bytes()).decode('ascii')}"
 
 
-def check_jinja2() -> None:
-    """Check that jinja2 is installed, before the work whose result the page is to show."""
+@cache
+def page_words() -> dict[str, Any]:
+    """Return the words of pictures, of tables and of claims (`words.toml`)."""
+    return tomllib.loads(resources.files(__name__).joinpath("words.toml").read_text(encoding="utf-8"))
+
+
+def check_jinja2() -> Any:
+    """Return jinja2, or say that it is missing, before the work whose result the page is to show."""
     with needs_extra("jinja2", "to write a page", "demo"):
-        import jinja2  # noqa: F401
+        import jinja2
+    return jinja2
 
 
 def write_page(path: str | os.PathLike[str], template: str, page: Mapping[str, Any]) -> None:
@@ -50,9 +57,7 @@ def write_page(path: str | os.PathLike[str], template: str, page: Mapping[str, A
     template: name of the template in `maxcon/lab/report/templates`: "demo.html.j2" or "study.html.j2".
     page: all values that the template refers to as `page`; all of them are escaped.
     """
-    check_jinja2()
-    import jinja2
-
+    jinja2 = check_jinja2()
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("maxcon.lab.report"), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,

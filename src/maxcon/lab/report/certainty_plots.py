@@ -1,112 +1,171 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Stated certainty against errors: sigmas, Stanford diagram, risk over coverage."""
+"""What a method says of its answers beside their errors: a drive epoch by epoch, and the Stanford diagram."""
 
-import math
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.lab.charts import DASHES, METHOD_STYLES, MethodStyle, draw_grid, draw_number_ticks, method_chart
-from maxcon.lab.evaluation import (
-    ALERT_LIMIT,
-    PROMISED,
-    SUCCESS_WORDS,
-    Coverage,
-    ProtectionCounts,
-    RiskCoverage,
-    clopper_pearson,
-)
-from maxcon.lab.report.timeline import ErrorRow
+from maxcon.estimate import Status
+from maxcon.lab.evaluation import ALERT_LIMIT, SUCCESS_WORDS, ProtectionCounts
+from maxcon.lab.report.charts import DASHES, Floats, draw_grid, draw_number_ticks
 from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
+    from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
-# More epochs are drawn as smaller, paler dots.
+# More epochs are drawn as pixels, as their strokes would take megabytes; their dots are smaller and paler.
 MANY_EPOCHS = 300
 
+# --- a drive, epoch by epoch -----------------------------------------------------------------------------------
 
-def _draw_dots(axes: "Axes", x: Floats, y: Floats, is_exceeded: NDArray[np.bool_]) -> None:
-    """Draw a dot per epoch on logarithmic axes, those whose error exceeds its limit with other marks."""
-    is_many = len(x) > MANY_EPOCHS
-    size, alpha = (9.0, 0.35) if is_many else (26.0, 0.55)
-    for is_shown, color, marker in ((~is_exceeded, SERIES[0], "o"), (is_exceeded, SERIES[1], "D")):
-        axes.scatter(
-            x[is_shown], y[is_shown], s=size, color=color, marker=marker, alpha=alpha,
-            linewidths=0.0, zorder=3, rasterized=is_many,
-        )  # fmt: skip
-    axes.set(xscale="log", yscale="log")
-
-
-# Errors below this part of the smallest sigma are drawn at it: the axis is logarithmic.
-LEAST = 0.03
-# Where the lower axis ends, sigmas.
-FARTHEST = 4.0
+BAND, TRUSTED, WITHHELD, WRONG = "#bcd9ee", SERIES[0], "#9aa1ad", "#c00000"
+STATUS_COLORS = {
+    Status.LOCALIZED.value: SERIES[0], Status.AMBIGUOUS.value: SERIES[4], Status.WALLS_MISSING.value: SERIES[3],
+    Status.NOT_CONFIRMED.value: SERIES[5], Status.AT_RIM.value: SERIES[2], Status.UNDETERMINED.value: SERIES[1],
+    Status.NOT_CONVERGED.value: SERIES[1],
+}  # fmt: skip
+"""Colours of the statuses that an answer can have; others are drawn in `MUTED`."""
+# The axis ends at so many times what 98 % of the epochs stay below; errors beyond are marked at its end.
+ROOM = 1.25
+# Strokes of protection levels are at least as long as the width of the row over this.
+MOST_STROKES = 400
+# Inches: the width of the figure and of its rows, and the heights of rows.
+WIDTH, ROW_WIDTH, STATUS_ROW, ERROR_ROW = 11.5, 9.5, 0.24, 1.35
 
 
-def plot_sigmas(path: str | os.PathLike[str], panels: Sequence[ErrorRow], *, title: str) -> None:
-    """Draw the error of each epoch against its predicted standard deviation, with lines at 1, 2 and 3 sigma.
+class ErrorRow(NamedTuple):
+    """One kind of error over a drive, shape (n,), with what was said of it; NaN where there is none."""
 
-    Below, the fraction of errors within k sigmas, over k, beside that of a normal distribution.
+    name: str  # "along"
+    unit: str  # of the numbers, and as drawn
+    errors: Floats  # signed
+    sigmas: Floats  # predicted standard deviations
+    levels: Floats  # protection levels
 
-    panels: side by side; each with at least one epoch that has an error and a sigma.
+    @property
+    def limit(self) -> float:
+        """The row is drawn from -limit to limit, a range that is not dominated by gross errors."""
+        drawn = (np.abs(self.errors), 2.0 * self.sigmas, self.levels)
+        known = [values[~np.isnan(values)] for values in drawn]
+        errors, *predicted = (float(np.quantile(values, 0.98)) if len(values) else 0.0 for values in known)
+        limit = max(errors, *predicted) or 1.0
+        if errors and max(predicted):  # a few gross errors must not flatten all others
+            limit = min(limit, 4.0 * max(predicted))
+        return ROOM * max(limit, 1e-3)
+
+
+def _has(rows: Sequence[ErrorRow], name: str) -> bool:
+    """Whether any of the errors, sigmas or levels is known."""
+    return any(bool(np.isfinite(getattr(row, name)).any()) for row in rows)
+
+
+def plot_timeline(
+    path: str | os.PathLike[str], epochs: Floats, statuses: Sequence[str], is_wrong: NDArray[np.bool_],
+    rows: Sequence[ErrorRow], *, title: str,
+) -> None:  # fmt: skip
+    """Draw a drive: a row for each status that occurs, and one for each kind of error, whether errors are known or not.
+
+    epochs, statuses, is_wrong: shape (n,), n > 0; numbers of the scans, rising; as the method says; whether the answer
+        is known to be beyond the limits of success.
     """
-    promised = ", ".join(f"{100.0 * fraction:.1f}" for fraction in PROMISED)
-    words = (
-        f"Above: a dot for each epoch, lines at 1, 2 and 3 sigma; {promised} % of the dots should lie below them.\n"
-        "Below: the share of errors within so many sigmas; shaded: what so many epochs leave possible (95 %)."
-    )
-    with saved_figure(path, max(8.8, 4.0 * len(panels)), 8.2, title, words) as figure:
-        above, below = figure.subplots(2, len(panels), squeeze=False, height_ratios=(3.3, 2.1))
-        for panel, upper, lower in zip(panels, above, below, strict=True):
-            is_known = np.isfinite(panel.errors) & np.isfinite(panel.sigmas)
-            errors, sigmas = np.abs(panel.errors[is_known]), panel.sigmas[is_known]
-            _draw_sigmas(upper, panel, errors, sigmas)
-            _draw_fractions(lower, errors / sigmas)
+    said = np.array(statuses)
+    trusted = said == Status.LOCALIZED.value
+    words = sorted(Counter(statuses), key=lambda word: (word != Status.LOCALIZED.value, -statuses.count(word)))
+    lines = [(word, said == word, STATUS_COLORS.get(word, MUTED)) for word in words]
+    if _has(rows, "errors"):
+        lines.append(("trusted and wrong", trusted & is_wrong, WRONG))
+    subtitle = _words(rows, len(epochs), int((trusted & is_wrong).sum()))
+    # Width of the stroke of an epoch, points: without gaps between neighbours, and never too thin to be seen.
+    step = float(np.median(np.diff(epochs))) if len(epochs) > 1 else 1.0
+    extent = max(float(np.ptp(epochs)), 1.0)
+    stroke = float(np.clip(0.9 * 72.0 * ROW_WIDTH * step / extent, 0.9, 8.0))
+    heights = [len(lines) * STATUS_ROW, *([ERROR_ROW] * len(rows))]
+    with saved_figure(path, WIDTH, 2.2 + sum(heights), title, subtitle) as figure:
+        first, *others = panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for axes in panels:
+            draw_grid(axes)
+        _draw_statuses(first, epochs, lines, stroke)
+        for axes, row in zip(others, rows, strict=True):
+            _draw_errors(axes, row, epochs, trusted, stroke, 0.5 * max(step, extent / MOST_STROKES))
+            axes.set_ylabel(f"{row.name}\n[{row.unit}]", labelpad=8)
+        figure.align_ylabels(others)
+        panels[-1].set_xlabel("epoch (number of the scan)")
+        margin = max(0.6, 0.012 * extent)
+        first.set_xlim(epochs[0] - margin, epochs[-1] + margin)
+        _draw_legend(figure, rows)
 
 
-def _draw_sigmas(axes: "Axes", panel: ErrorRow, errors: Floats, sigmas: Floats) -> None:
-    """Draw errors over sigmas, with lines at 1, 2 and 3 sigma."""
-    middle = math.sqrt(float(sigmas.min()) * float(sigmas.max()))
-    low, high = min(0.8 * float(sigmas.min()), middle / 2.0), max(1.25 * float(sigmas.max()), middle * 2.0)
-    least, most = LEAST * float(sigmas.min()), 1.6 * max(3.0 * high, float(errors.max()))
-    _draw_dots(axes, sigmas, np.maximum(errors, least), errors > 3.0 * sigmas)
-    axes.set(xlim=(low, high), ylim=(least, most))
-    for k, dashes in ((1, (0, (1.5, 1.5))), (2, (0, (5, 2))), (3, (0, None))):
-        axes.plot([low, high], [k * low, k * high], color=INK, lw=1.1, ls=dashes, zorder=4)
-    for k, below, place in ((1, -3.0, "top"), (3, 2.0, "bottom")):  # the line between is that of 2
-        axes.annotate(
-            f"{k}σ", (high, k * high), (-2.0, below), textcoords="offset points", ha="right", va=place, fontsize=8.5,
-            color=INK, zorder=5,
-        )  # fmt: skip
-    draw_number_ticks(axes.xaxis, low, high)
-    draw_number_ticks(axes.yaxis, least, most, least)
-    axes.set(xlabel=f"predicted sigma [{panel.unit}]", ylabel=f"error [{panel.unit}]")
-    within = " · ".join(f"{100.0 * fraction:.1f}" for fraction in Coverage.of(errors, sigmas).shares)
-    words = f"{panel.name}\nwithin: {within} % of {len(errors):,}"
-    axes.set_title(words, loc="left", fontsize=10.5, parse_math=False)
-    draw_grid(axes, which="major")
+def _words(rows: Sequence[ErrorRow], n_epochs: int, n_wrong: int) -> str:
+    """Return the subtitle: how many trusted answers are wrong, and what to look for."""
+    if not _has(rows, "errors"):
+        return f"{n_epochs:,} epochs, without a reference: what the method predicts."
+    wrong = "No trusted answer is wrong" if n_wrong == 0 else f"Trusted and wrong: {n_wrong:,}"
+    look = "The method predicts no errors: there are no bands."
+    if _has(rows, "sigmas"):
+        look = "About 95 % of the dots should lie within the band, and hardly any beyond the lines."
+    return f"{n_epochs:,} epochs. {wrong} ({SUCCESS_WORDS}).\n{look}"
 
 
-def _draw_fractions(axes: "Axes", ratios: Floats) -> None:
-    """Draw the fraction of errors within k sigmas over k, and what it should be; `ratios` of errors to sigmas."""
-    limits = np.linspace(0.0, FARTHEST, 81)
-    n_within = np.searchsorted(np.sort(ratios), limits, side="right")
-    ends = np.array([clopper_pearson(int(n), len(ratios)) for n in n_within])
-    axes.fill_between(limits, *(100.0 * ends.T), color=SERIES[0], alpha=0.2, lw=0.0, zorder=1)
-    axes.plot(limits, 100.0 * n_within / len(ratios), color=SERIES[0], lw=1.7, label="these errors", zorder=3)
-    normal = [100.0 * math.erf(limit / math.sqrt(2.0)) for limit in limits]
-    axes.plot(limits, normal, color=INK, lw=1.3, ls=(0, (5, 2)), label="promised", zorder=2)
-    axes.set(xlim=(0.0, FARTHEST), ylim=(0.0, 102.0), xlabel="error [predicted sigmas]", ylabel="epochs within [%]")
-    draw_grid(axes)
-    axes.legend(loc="lower right", fontsize=9)
+def _draw_statuses(
+    axes: "Axes", epochs: Floats, lines: Sequence[tuple[str, NDArray[np.bool_], str]], stroke: float
+) -> None:
+    """Draw a line of strokes for each status; those of wrong answers are never too thin to be seen."""
+    is_many = len(epochs) > MANY_EPOCHS
+    for number, (_, is_here, color) in enumerate(lines):
+        width = max(stroke, 2.0) if color == WRONG else stroke
+        axes.vlines(epochs[is_here], number - 0.36, number + 0.36, color=color, lw=width, rasterized=is_many)
+    axes.set(ylim=(len(lines) - 0.5, -0.5))
+    axes.set_yticks(range(len(lines)), [f"{word}: {int(is_here.sum()):,}" for word, is_here, _ in lines])
+    axes.tick_params(axis="y", length=0, labelsize=9)
+    axes.grid(visible=False, axis="y")
 
+
+def _draw_errors(
+    axes: "Axes", row: ErrorRow, epochs: Floats, trusted: NDArray[np.bool_], stroke: float, half: float
+) -> None:
+    """Draw band, levels (`half` an epoch to either side) and errors; those beyond the axis are marked at its end."""
+    is_many, limit = len(epochs) > MANY_EPOCHS, row.limit
+    axes.vlines(epochs, -2.0 * row.sigmas, 2.0 * row.sigmas, color=BAND, lw=stroke, zorder=1, rasterized=is_many)
+    for sign in (-1.0, 1.0):
+        axes.hlines(sign * row.levels, epochs - half, epochs + half, color=INK, lw=0.9, zorder=2, rasterized=is_many)
+    size = 5.0 if len(epochs) <= 120 else 3.2 if len(epochs) <= 600 else 1.8
+    for is_here, color, above in ((trusted, TRUSTED, 3), (~trusted, WITHHELD, 4)):
+        here = is_here & (np.abs(row.errors) <= limit)
+        look: dict[str, Any] = {"ls": "", "mew": 0, "color": color}
+        axes.plot(epochs[here], row.errors[here], marker="o", ms=size, zorder=above, rasterized=is_many, **look)
+        for sign, marker in ((1.0, "^"), (-1.0, "v")):
+            beyond = epochs[is_here & (sign * row.errors > limit)]
+            axes.plot(beyond, np.full(len(beyond), sign * 0.93 * limit), marker=marker, ms=5.5, zorder=5, **look)
+    axes.axhline(0.0, color=MUTED, lw=0.7, zorder=1.5)
+    axes.set_ylim(-limit, limit)
+    axes.locator_params(axis="y", nbins=5)
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
+
+
+def _draw_legend(figure: "Figure", rows: Sequence[ErrorRow]) -> None:
+    """Say what the marks of the error rows mean."""
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], ls="", marker="o", ms=6, color=TRUSTED, label="error, trusted answer"),
+        Line2D([], [], ls="", marker="o", ms=6, color=WITHHELD, label="error, withheld answer"),
+        Line2D([], [], ls="", marker="^", ms=6, color=MUTED, label="beyond the axis"),
+    ]
+    handles = handles if _has(rows, "errors") else []
+    if _has(rows, "sigmas"):
+        handles.append(Line2D([], [], color=BAND, lw=7, label="±2 predicted sigmas"))
+    if _has(rows, "levels"):
+        handles.append(Line2D([], [], color=INK, lw=0.9, label="protection level"))
+    figure.legend(handles=handles, loc="outside lower left", ncols=len(handles))
+
+
+# --- the Stanford diagram --------------------------------------------------------------------------------------
 
 # Both axes of the Stanford diagram, m: a millimetre is below any reference's accuracy.
 LEAST_LEVEL = 1e-3
@@ -114,19 +173,13 @@ NOMINAL, MISLEADING, HAZARDOUS, UNAVAILABLE = "#e3f4ec", "#fdeecb", "#f9d5c8", "
 
 
 def plot_stanford(
-    path: str | os.PathLike[str],
-    errors_by_direction: Mapping[str, Floats],
-    levels_by_direction: Mapping[str, Floats],
-    *,
-    title: str,
-) -> None:
-    """Draw the protection level of each epoch against its error, with the number of epochs in each region.
+    path: str | os.PathLike[str], errors_by_direction: Mapping[str, Floats], levels_by_direction: Mapping[str, Floats],
+    *, title: str,
+) -> None:  # fmt: skip
+    """Draw the protection level of each epoch against its error, count each region, and say what that proves.
 
-    Below each panel stands the upper limit, with 95 % confidence, of the rate at which errors exceed their level.
-
-    errors_by_direction: shape (n,); m, by the name of the direction; the sign does not matter. NaN without an answer.
-    levels_by_direction: shape (n,); protection levels, m, under the same names; NaN where there is none: these
-        errors are drawn in a strip above the diagram.
+    errors_by_direction, levels_by_direction: shape (n,); m, by the name of the direction; the sign does not matter.
+        Without an answer the error is NaN, without a level the level: such errors lie in a strip above the diagram.
     """
     everything = np.abs(np.concatenate([*errors_by_direction.values(), *levels_by_direction.values()]))
     most = 1.6 * max(1.0, 2.0 * ALERT_LIMIT, float(np.nanmax(everything, initial=0.0)))
@@ -183,70 +236,14 @@ def _draw_regions(axes: "Axes", counts: ProtectionCounts, most: float) -> None:
 def _draw_levels(axes: "Axes", strip: "Axes", errors: Floats, levels: Floats) -> None:
     """Draw epochs with a level into the diagram, the errors of those without into the strip."""
     drawn, has_level = np.maximum(errors, LEAST_LEVEL), ~np.isnan(levels)
-    shown = np.maximum(levels[has_level], LEAST_LEVEL)
-    _draw_dots(axes, drawn[has_level], shown, errors[has_level] > levels[has_level])
+    is_many = len(errors) > MANY_EPOCHS
+    size, alpha = (9.0, 0.35) if is_many else (26.0, 0.55)
+    for is_shown, color, marker in ((errors <= levels, SERIES[0], "o"), (errors > levels, SERIES[1], "D")):
+        axes.scatter(
+            drawn[is_shown], np.maximum(levels[is_shown], LEAST_LEVEL), s=size, color=color, marker=marker,
+            alpha=alpha, linewidths=0.0, zorder=3, rasterized=is_many,
+        )  # fmt: skip
+    axes.set(xscale="log", yscale="log")
     withheld = drawn[~has_level & ~np.isnan(errors)]
     if len(withheld):
         strip.plot(withheld, np.full(len(withheld), 0.5), "x", ms=5.5, mew=1.2, color=MUTED, clip_on=False)
-
-
-# Rates of fewer accepted answers are not drawn.
-FEWEST = 10
-# The axis of risk reaches at least so far, percent; for intervals alone it reaches no farther than this rate.
-LEAST_TOP, MOST_FOR_INTERVALS = 1.0, 0.2
-# Percent: markers of methods, many of which trust every epoch, are set apart so far.
-APART = 0.5
-
-
-def plot_risk_coverage(path: str | os.PathLike[str], by_method: Mapping[str, RiskCoverage]) -> None:
-    """Draw the rate of wrong answers among those accepted against the fraction of epochs that are accepted.
-
-    Filled markers: the answers that the method itself says may be used, with an interval of 95 %. Open markers: all
-    answers, if it withholds any. Lines: the most trusted answers first; a method without measures of trust has none.
-
-    by_method: by the method's name, at most 8, each of some epochs.
-    """
-    labels = [f"{name}: {found.n_trusted_wrong:,} of {found.n_trusted:,}" for name, found in by_method.items()]
-    words = (
-        f"Wrong: not within {SUCCESS_WORDS} of the reference. Filled: what the method itself trusts, with 95 %\n"
-        "intervals; open: all answers, if it withholds any. Lines: the most trusted first.\n"
-        "Markers are set apart, by up to 2 %. Below: how many of the trusted are wrong."
-    )
-    titles = ("Wrong answers among those accepted", words)
-    top = min(102.0, 1.25 * max(LEAST_TOP, *(_highest(found) for found in by_method.values())))
-    with method_chart(path, labels, titles) as (axes, handles):
-        for number, (style, found) in enumerate(zip(METHOD_STYLES, by_method.values(), strict=False)):
-            handles.append(_draw_risk(axes, style, found, APART * (number - 0.5 * (len(by_method) - 1))))
-        axes.set(xlim=(0.0, 100.0 + 4.5 * APART), ylim=(-0.02 * top, top), xticks=np.arange(0, 101, 10))
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.set_xlabel("share of all epochs whose answer is accepted [%]")
-        axes.set_ylabel("wrong among those accepted [%]")
-        draw_grid(axes)
-
-
-def _highest(found: RiskCoverage) -> float:
-    """The highest rate to be drawn, percent: of markers and line, and of the interval up to `MOST_FOR_INTERVALS`."""
-    line = found.rates[found.n_accepted >= FEWEST]
-    trusted = found.n_trusted_wrong / max(found.n_trusted, 1)
-    end = min(found.trusted_interval[1], MOST_FOR_INTERVALS) if found.n_trusted else 0.0
-    return 100.0 * max(trusted, end, float(np.append(line, found.rates[-1:]).max(initial=0.0)))
-
-
-def _draw_risk(axes: "Axes", style: MethodStyle, found: RiskCoverage, aside: float) -> "Line2D":
-    """Draw the curve of one method and, `aside` by so many percent, rate and interval of the answers it trusts."""
-    fractions, rates = 100.0 * found.shares, 100.0 * found.rates
-    is_drawn = found.n_accepted >= FEWEST
-    if is_drawn.sum() > 2:
-        order: dict[str, Any] = {"color": style.color, "ls": style.line, "lw": 1.5, "drawstyle": "steps-post"}
-        axes.plot(fractions[is_drawn], rates[is_drawn], zorder=3, clip_on=False, **order)
-    marks: dict[str, Any] = {"marker": style.marker, "ms": 9, "ls": "", "clip_on": False}
-    if len(fractions) and found.n_accepted[-1] > found.n_trusted:
-        axes.plot(fractions[-1], rates[-1], color=style.color, mfc="white", mew=1.5, zorder=4, **marks)
-    if found.n_trusted:
-        place = 100.0 * found.n_trusted / found.n_epochs + aside
-        low, high = (100.0 * end for end in found.trusted_interval)
-        axes.vlines(place, low, high, color=style.color, lw=1.8, alpha=0.6, zorder=2)
-        rate = 100.0 * found.n_trusted_wrong / found.n_trusted
-        axes.plot(place, rate, color=style.color, mec="white", mew=0.8, zorder=5, **marks)
-    (handle,) = axes.plot([], [], color=style.color, ls=style.line, lw=1.5, marker=style.marker, ms=7.5, mec="white")
-    return handle

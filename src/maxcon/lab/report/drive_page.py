@@ -7,33 +7,37 @@ It is made of the table of poses, so that it is the same for a drive that was go
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.version import __version__
 from maxcon.drive.localize import DriveOptions, read_epoch, scan_of
-from maxcon.drive.poses_table import COVARIANCES, PROTECTION_LEVELS
+from maxcon.drive.poses_table import PROTECTION_LEVELS
 from maxcon.errors import TrajectoryError
 from maxcon.estimate import Status
 from maxcon.export import PoseRow
+from maxcon.export.pose_rows import covariance_of
 from maxcon.export.scene import ELLIPSE
 from maxcon.geometry import Pose
+from maxcon.integrity import along_and_across
 from maxcon.io.scans import Scans
 from maxcon.lab.evaluation import PROMISED, SUCCESS_WORDS, Coverage, PoseError, Quantiles, pose_error
 from maxcon.lab.report import Picture, write_page
-from maxcon.lab.report.facings import Facing, facings
-from maxcon.lab.report.timeline import ErrorRow, plot_timeline
+from maxcon.lab.report.certainty_plots import ErrorRow, plot_timeline
+from maxcon.lab.report.charts import Floats
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import MOST_HALF_WIDTH, PRIOR_COLOR, draw_points, half_width_of, is_off_the_ground
-from maxcon.plotting.figure import INK, SERIES
-from maxcon.plotting.from_above import Window, map_figure, round_length
+from maxcon.plotting.figure import INK, SERIES, Window, map_figure, round_length
+from maxcon.refine.adjustment import table_around
+from maxcon.refine.patterns import Partners
+from maxcon.refine.validation import LEVEL, N_BINS
 from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
 
@@ -77,58 +81,70 @@ class ReportedDrive:
         """The scan of an epoch, read again; without points if it cannot be."""
         return scan_of(read_epoch(self.scans, epoch, self.options)[0])
 
-    def numbers(self, name: str) -> NDArray[np.float64]:
-        """A column of the table, shape (n,); NaN where it is empty."""
-        return np.array([row.numbers.get(name, math.nan) for row in self.rows])
-
     @cached_property
-    def covariances(self) -> NDArray[np.float64]:
-        """Covariances of x, y and heading, shape (n, 3, 3), axes of the map; NaN where there is none."""
-        upper = np.full((len(self.rows), 6, 6), math.nan)
-        upper[:, *np.triu_indices(6)] = np.column_stack([self.numbers(name) for name in COVARIANCES])
-        return np.stack([[upper[:, min(a, b), max(a, b)] for b in (0, 1, 5)] for a in (0, 1, 5)]).transpose(2, 0, 1)
+    def covariances(self) -> Floats:
+        """Covariances of x, y, z and the turns, shape (n, 6, 6), axes of the map; NaN where there is none."""
+        found = np.array([covariance_of(row) for row in self.rows])
+        found[~found.any(axis=(1, 2))] = math.nan
+        return found
 
-    def sigmas(self) -> NDArray[np.float64]:
+    def sigmas(self) -> Floats:
         """Standard deviations along and across the heading, m, and of the heading, rad, shape (n, 3)."""
-        headings = np.array([math.nan if row.pose is None else row.pose.heading for row in self.rows])
-        c, s, zero, one = np.cos(headings), np.sin(headings), 0.0 * headings, np.ones_like(headings)
-        turns = np.array([[c, s, zero], [-s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
-        turned = turns @ self.covariances @ turns.transpose(0, 2, 1)
-        return np.asarray(np.sqrt(np.diagonal(turned, axis1=1, axis2=2)))
+        found = np.full((len(self.rows), 3), math.nan)
+        for sigmas, row, covariance in zip(found, self.rows, self.covariances, strict=True):
+            if row.pose is not None:
+                turned = along_and_across(covariance, row.pose.heading)
+                sigmas[:] = np.sqrt([turned[0, 0], turned[1, 1], covariance[5, 5]])
+        return found
 
     @cached_property
-    def errors(self) -> list[PoseError | None]:
-        """How far each answer is from the reference; None where one of both is missing."""
-        pairs = [(self.answer(epoch), self.local(self.reference, epoch)) for epoch in range(len(self.rows))]
-        return [None if ours is None or true is None else pose_error(ours, true) for ours, true in pairs]
+    def errors(self) -> Floats:
+        """Errors along, across, m, and of the heading, rad, shape (n, 3); NaN without an answer or a reference."""
+        found = np.full((len(self.rows), 3), math.nan)
+        for epoch, errors in enumerate(found):
+            answer, true = self.answer(epoch), self.local(self.reference, epoch)
+            if answer is not None and true is not None:
+                error = pose_error(answer, true)
+                errors[:] = error.along, error.across, error.heading
+        return found
 
     @cached_property
     def is_wrong(self) -> NDArray[np.bool_]:
         """Which answers are not within the limits of success of the reference, shape (n,)."""
-        return np.array([error is not None and not error.is_success for error in self.errors])
+        return np.array([not PoseError(*errors).is_success and not math.isnan(errors[0]) for errors in self.errors])
 
     @cached_property
-    def levels(self) -> NDArray[np.float64]:
-        """Protection levels along and across, m, shape (n, 2)."""
-        return np.column_stack([self.numbers(name) for name in PROTECTION_LEVELS])
+    def levels(self) -> Floats:
+        """Protection levels along and across, m, shape (n, 2); NaN where there is none."""
+        return np.array([[row.numbers.get(name, math.nan) for name in PROTECTION_LEVELS] for row in self.rows])
+
+    @property
+    def kinds(self) -> list[ErrorRow]:
+        """Errors along and across, m, and of the heading, degrees, with what was said of each."""
+        (along, across, heading), sigmas = self.errors.T, self.sigmas().T
+        none = np.full(len(self.rows), math.nan)
+        return [
+            ErrorRow("along", "m", along, sigmas[0], self.levels[:, 0]),
+            ErrorRow("across", "m", across, sigmas[1], self.levels[:, 1]),
+            ErrorRow("heading", "°", np.degrees(heading), np.degrees(sigmas[2]), none),
+        ]
 
     def accuracy(self) -> dict[str, Any]:
         """Errors along, across, of the heading, and in x and y together, and how many the sigmas hold."""
-        sigmas, levels = self.sigmas(), self.levels
-        along, across, heading = _signed(self.errors)
-        turned, sigma_deg = np.degrees(heading), np.degrees(sigmas[:, 2])
-        kinds = {"along": (along, sigmas[:, 0]), "across": (across, sigmas[:, 1]), "heading": (turned, sigma_deg)}
-        rows = [
-            {"name": name, "unit": "°" if name == "heading" else "m", "of": Quantiles.of(values[np.isfinite(values)]),
-             "within": Coverage.of(values, sigma).shares}
-            for name, (values, sigma) in kinds.items()
+        is_known = np.isfinite(self.errors[:, 0])
+        rows: list[dict[str, Any]] = [
+            {
+                "name": kind.name, "unit": kind.unit, "of": Quantiles.of(kind.errors[is_known]),
+                "within": Coverage.of(kind.errors, kind.sigmas).shares,
+            }
+            for kind in self.kinds
         ]  # fmt: skip
-        together = np.hypot(along, across)
-        rows.append({"name": "x and y", "unit": "m", "of": Quantiles.of(together[np.isfinite(together)]), "within": ()})
-        has_level = np.isfinite(levels).all(axis=1) & np.isfinite(along)
-        is_beyond = (np.abs(np.column_stack([along, across])) > levels).any(axis=1) & has_level
+        together = np.hypot(*self.errors[is_known, :2].T)
+        rows.append({"name": "x and y", "unit": "m", "of": Quantiles.of(together), "within": ()})
+        has_level = np.isfinite(self.levels).all(axis=1) & is_known
+        is_beyond = (np.abs(self.errors[:, :2]) > self.levels).any(axis=1) & has_level
         return {
-            "rows": rows, "n": int(np.isfinite(along).sum()), "n_wrong": int(self.is_wrong.sum()),
+            "rows": rows, "n": int(is_known.sum()), "n_wrong": int(self.is_wrong.sum()),
             "n_levels": int(has_level.sum()), "n_beyond": int(is_beyond.sum()),
         }  # fmt: skip
 
@@ -138,21 +154,30 @@ def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: 
 
     facts: what was assumed and searched, by name; shown on top. They should say where the map's sigma is from.
     """
-    covariances, is_wrong, levels, rows = drive.covariances, drive.is_wrong, drive.levels, drive.rows
+    is_wrong, levels, rows = drive.is_wrong, drive.levels, drive.rows
     is_localized = np.array([row.pose is not None for row in rows])
+    either, variances = levels.max(axis=1), drive.covariances[:, 0, 0] + drive.covariances[:, 1, 1]
+    variances = variances[np.isfinite(variances)]
+    numbers = np.flatnonzero(is_localized)
+    chosen = numbers[np.linspace(0, len(numbers) - 1, min(N_FACED, len(numbers))).round().astype(int)]
+    faced = ((epoch, drive.answer(epoch)) for epoch in chosen.tolist())
     with TemporaryDirectory() as folder:
         drawn = Path(folder)
         page = {
             "title": title,
-            "headline": _headline(is_localized, is_wrong, levels),
+            "n": len(rows),
+            "n_localized": int(is_localized.sum()),
+            "n_wrong": int((is_localized & is_wrong).sum()),
+            "level": Quantiles.of(either[np.isfinite(either)]),
             "facts": facts,
-            "map_words": _map_words(drive.point_map.sigma, covariances),
-            "above": _from_above(drawn / "above.png", drive, covariances),
+            "sigma": drive.point_map.sigma,
+            "ratio": min(1.0, 2.0 * drive.point_map.sigma**2 / float(np.median(variances))) if len(variances) else None,
+            "above": _from_above(drawn / "above.png", drive),
             "statuses": _statuses(rows),
             "left_out": [(n, drive.scans.name(n), rows[n]) for n in np.flatnonzero(~is_localized)[:MOST_LISTED]],
             "n_left_out": int((~is_localized).sum()),
             "timeline": _timeline(drawn / "timeline.svg", drive),
-            "facings": _facings(drive, is_localized),
+            "facings": facings(((drive.scan(n), pose) for n, pose in faced if pose is not None), drive.point_map),
             "accuracy": None if drive.reference is None else drive.accuracy(),
             "success": SUCCESS_WORDS,
             "promised": PROMISED,
@@ -165,9 +190,7 @@ def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: 
         write_page(path, "drive.html.j2", page)
 
 
-def worst_epochs(
-    is_localized: NDArray[np.bool_], is_wrong: NDArray[np.bool_], levels: NDArray[np.float64]
-) -> list[int]:
+def worst_epochs(is_localized: NDArray[np.bool_], is_wrong: NDArray[np.bool_], levels: Floats) -> list[int]:
     """Return at most ten epochs: wrong and localized first, then not localized, then of the largest levels, m.
 
     Those that are not localized are taken evenly from the drive: neighbours look alike.
@@ -184,28 +207,6 @@ def worst_epochs(
 # --- words and tables ------------------------------------------------------------------------------------------
 
 
-def _headline(is_localized: NDArray[np.bool_], is_wrong: NDArray[np.bool_], levels: NDArray[np.float64]) -> str:
-    words = f"{is_localized.sum():,} of {len(is_localized):,} scans are localized."
-    either = levels.max(axis=1)
-    if np.isfinite(either).any():
-        words += f" Protection levels: {np.nanmedian(either):.2f} m in the median, {np.nanmax(either):.2f} m at most."
-    n_wrong = int((is_localized & is_wrong).sum())
-    return words + (f" Farther than {SUCCESS_WORDS} from the reference: {n_wrong}." if n_wrong else "")
-
-
-def _map_words(sigma: float, covariances: NDArray[np.float64]) -> str:
-    """What the map's sigma makes of the covariances."""
-    variance = covariances[:, 0, 0] + covariances[:, 1, 1]
-    if not np.isfinite(variance).any():
-        return "No answer has a covariance."
-    ratio = min(1.0, 2.0 * sigma**2 / float(np.nanmedian(variance)))
-    return (
-        f"Every covariance here contains the map's own sigma of {sigma:g} m: it makes {100.0 * ratio:.0f} % of the"
-        " variance of x and y in the median. If the map is off by more than that, so are the poses, and nothing in a"
-        " scan can tell."
-    )
-
-
 def _statuses(rows: Sequence[PoseRow]) -> list[dict[str, Any]]:
     """Each status that occurs: how often, what it means, and the first reason beside it; localized first."""
     found = []
@@ -216,49 +217,71 @@ def _statuses(rows: Sequence[PoseRow]) -> list[dict[str, Any]]:
     return found
 
 
-def _facings(drive: ReportedDrive, is_localized: NDArray[np.bool_]) -> list[Facing]:
-    """Of some localized epochs, evenly over the drive."""
-    numbers = np.flatnonzero(is_localized)
-    chosen = numbers[np.linspace(0, len(numbers) - 1, min(N_FACED, len(numbers))).round().astype(int)]
-    poses = ((epoch, drive.answer(epoch)) for epoch in chosen.tolist())
-    return facings(((drive.scan(epoch), pose) for epoch, pose in poses if pose is not None), drive.point_map)
+class Facing(NamedTuple):
+    """Walls of one direction: how those of scans lie on those of the map."""
+
+    first_deg: float  # azimuths of their normals, degrees from +x, both sides of a wall alike
+    last_deg: float
+    n_points: int  # wall points of the scans
+    found: float  # which ratio of them has a wall of the map beside it, 0 to 1
+    offset: float  # median of where the map's walls lie beside the scans', along the azimuth, m
+    p95: float  # of the distances, m
 
 
-def _signed(errors: Sequence[PoseError | None]) -> NDArray[np.float64]:
-    """Errors along, across (m) and of the heading (rad), shape (3, n); NaN where there are none."""
-    nothing = (math.nan,) * 3
-    return np.array([nothing if one is None else (one.along, one.across, one.heading) for one in errors]).T
+def facings(scans: Iterable[tuple[Scan, Pose]], point_map: PointMap) -> list[Facing]:
+    """Return the facings of scans at poses, local frame, those with wall points; of each some thousand points."""
+    azimuths, offsets = [np.empty(0)], [np.empty(0)]
+    for scan, pose in scans:
+        partners = Partners.of(scan.sample, pose, point_map, table_around(scan.sample, point_map, [pose]))
+        normals = partners.normals @ pose.rotation.T
+        azimuth = np.arctan2(normals[:, 1], normals[:, 0]) % np.pi
+        towards = partners.planes[:, 0] * np.cos(azimuth) + partners.planes[:, 1] * np.sin(azimuth)
+        is_wall = np.abs(normals[:, 2]) < LEVEL
+        azimuths.append(azimuth[is_wall])
+        offsets.append((partners.distances * np.where(towards < 0.0, -1.0, 1.0))[is_wall])
+    bins = np.minimum(np.concatenate(azimuths) * N_BINS / np.pi, N_BINS - 1).astype(int)
+    found, width = [], 180.0 / N_BINS
+    for k in range(N_BINS):
+        of_facing = np.concatenate(offsets)[bins == k]
+        near = of_facing[np.isfinite(of_facing)]
+        if len(near):
+            p95, share = float(np.quantile(np.abs(near), 0.95)), len(near) / len(of_facing)
+            found.append(Facing(k * width, (k + 1) * width, len(of_facing), share, float(np.median(near)), p95))
+    return found
 
 
 # --- pictures --------------------------------------------------------------------------------------------------
 
 
-def _from_above(path: Path, drive: ReportedDrive, covariances: NDArray[np.float64]) -> Picture:
+def _from_above(path: Path, drive: ReportedDrive) -> Picture:
     from matplotlib.patches import Ellipse
 
-    n_epochs = len(drive.rows)
-    answers = [drive.answer(epoch) for epoch in range(n_epochs)]
-    priors = [drive.local(drive.prior, epoch) for epoch in range(n_epochs)]
-    places = np.array([pose.position[:2] for pose in (*answers, *priors) if pose is not None]).reshape(-1, 2)
-    window = Window.with_room(places if len(places) else np.zeros((1, 2)))
-    values, vectors = np.linalg.eigh(np.nan_to_num(covariances[:, :2, :2]))
-    largest = ELLIPSE * np.sqrt(np.maximum(values[:, 1], 0.0))
+    def places(poses: Iterable[Pose | None]) -> Floats:
+        nowhere = np.full(2, math.nan)
+        return np.array([nowhere if pose is None else pose.position[:2] for pose in poses])
+
+    epochs = range(len(drive.rows))
+    found, rough = places(map(drive.answer, epochs)), places(drive.local(drive.prior, epoch) for epoch in epochs)
+    known = np.concatenate([found, rough])
+    known = known[np.isfinite(known[:, 0])]
+    window = Window.with_room(known if len(known) else np.zeros((1, 2)))
+    values, vectors = np.linalg.eigh(np.nan_to_num(drive.covariances[:, :2, :2]))
+    axes_of = ELLIPSE * np.sqrt(np.maximum(values, 0.0))
+    largest = axes_of[:, 1]
     median = float(np.median(largest[largest > 0.0])) if (largest > 0.0).any() else 1.0
     factor = round_length(max(1.0, SEEN * max(window.size) / (2.0 * median)))
     words = f"Ellipses of 95 %, {factor:g} times as large as they are."
     with map_figure(path, window, drive.point_map, ("The drive from above", words), side=8.2) as (figure, axes):
-        rough = np.array([(math.nan,) * 2 if pose is None else pose.position[:2] for pose in priors])
         if np.isfinite(rough).any():
             axes.plot(*rough.T, color=PRIOR_COLOR, lw=1.0, zorder=3, label="prior")
-        found = np.array([(math.nan,) * 2 if pose is None else pose.position[:2] for pose in answers])
         axes.plot(*found.T, "o", color=SERIES[0], ms=3.5, zorder=5, label="localized")
         for epoch in np.flatnonzero(largest > 0.0):
-            height, width = 2.0 * factor * ELLIPSE * np.sqrt(np.maximum(values[epoch], 0.0))
+            height, width = 2.0 * factor * axes_of[epoch]
             angle = math.degrees(math.atan2(vectors[epoch, 1, 1], vectors[epoch, 0, 1]))
             axes.add_patch(
                 Ellipse(found[epoch], width, height, angle=angle, fill=False, ec=SERIES[0], lw=0.8, zorder=4)
             )
-        lost = rough[[pose is None for pose in answers]]
+        lost = rough[np.isnan(found[:, 0])]
         if np.isfinite(lost).any():
             axes.plot(*lost.T, "X", mfc=SERIES[4], mec=INK, ms=8, zorder=6, label="not localized, at its prior")
         figure.legend(loc="outside lower left", ncols=3)
@@ -266,15 +289,8 @@ def _from_above(path: Path, drive: ReportedDrive, covariances: NDArray[np.float6
 
 
 def _timeline(path: Path, drive: ReportedDrive) -> Picture:
-    rows, sigmas, levels = drive.rows, drive.sigmas(), drive.levels
-    along, across, heading = _signed(drive.errors)
-    kinds = [
-        ErrorRow("along", "m", along, sigmas[:, 0], levels[:, 0]),
-        ErrorRow("across", "m", across, sigmas[:, 1], levels[:, 1]),
-        ErrorRow("heading", "°", np.degrees(heading), np.degrees(sigmas[:, 2]), np.full(len(rows), math.nan)),
-    ]
-    words = [row.status for row in rows]
-    plot_timeline(path, np.arange(float(len(rows))), words, drive.is_wrong, kinds, title="Scan by scan")
+    words = [row.status for row in drive.rows]
+    plot_timeline(path, np.arange(float(len(words))), words, drive.is_wrong, drive.kinds, title="Scan by scan")
     return Picture.of("drive-timeline", path)
 
 

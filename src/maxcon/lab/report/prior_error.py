@@ -5,26 +5,25 @@
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maxcon.lab.charts import METHOD_STYLES, draw_grid, draw_legend, draw_number_ticks
-from maxcon.lab.evaluation import SUCCESS_WORDS
+from maxcon.lab.evaluation import SUCCESS_WORDS, clopper_pearson
+from maxcon.lab.report.charts import METHOD_STYLES, draw_grid, draw_legend, draw_number_ticks
+from maxcon.lab.study.table import MethodRows, MethodStatistics, statistics
 from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from maxcon.lab.study.table import MethodStatistics
-
-Levels = Mapping[str, Sequence["MethodStatistics"]]
+Levels = Mapping[str, Sequence[MethodStatistics]]
 """Methods at each level of the prior's error, by its name ("12 m, 10°"), rising."""
 LABELS = ("right [%]", "wrong, but\ncalled good [%]", "one epoch,\nmedian [ms]")
 LEAST_MS = 0.1  # shorter times, ms, are drawn at this one: the axis is logarithmic
-
-
+MOST_BINS = 8
 DOTTED, SOLID, DASHED = (0.0, (1.2, 1.2)), (0.0, None), (0.0, (6.0, 2.0))
 
 
@@ -52,7 +51,7 @@ LOOKS = {
 def plot_prior_error(path: str | os.PathLike[str], levels_by_drive: Mapping[str, Levels]) -> None:
     """Draw how many epochs are right, how many wrong but called good, and the time of one, over the prior's error.
 
-    levels_by_drive: one column per drive by its name; of the same methods, at most 8, the first emphasized.
+    levels_by_drive: one column per drive by its title; of the same methods, at most 8, the first emphasized.
     """
     from matplotlib.lines import Line2D
 
@@ -63,15 +62,16 @@ def plot_prior_error(path: str | os.PathLike[str], levels_by_drive: Mapping[str,
         for name, style in zip(names[1:], METHOD_STYLES[1:], strict=False)
     }
     words = (
-        f"Right: within {SUCCESS_WORDS} of the reference. Called good: by the method itself.\n"
-        "Epochs and priors are the same for all. ms: in one thread; below at the widest prior."
+        f"Right: within {SUCCESS_WORDS} of the reference; upright lines: 95 % intervals.\n"
+        "Called good: by the method itself. ms: below at the widest prior."
     )
     n_drives = len(levels_by_drive)
     width, height = max(7.4, 1.3 + 2.9 * n_drives), 7.6
     with saved_figure(path, width, height, "How wrong may the prior be?", words) as figure:
         panels = figure.subplots(3, n_drives, sharey="row", squeeze=False, height_ratios=(2.1, 1.05, 1.5))
         for column, (drive, levels) in zip(panels.T, levels_by_drive.items(), strict=True):
-            _draw_drive(column, drive, levels, looks)
+            column[0].set_title(drive, loc="left", fontweight="bold", parse_math=False)
+            _draw_levels(column, levels, looks)
         _set_limits(list(panels[:, 0]), everything)
         for axes, label in zip(panels[:, 0], LABELS, strict=True):
             axes.set_ylabel(label)
@@ -79,19 +79,21 @@ def plot_prior_error(path: str | os.PathLike[str], levels_by_drive: Mapping[str,
         marks = [Line2D([], [], **look) for look in looks.values()]
         # With times to two digits, as more would not be repeatable.
         ms = [_median_ms(name, levels_by_drive) for name in looks]
-        labels = [f"{name}: {float(f'{took:.2g}'):,.0f} ms" for name, took in zip(looks, ms, strict=True)]
+        labels = [
+            name if math.isnan(took) else f"{name}: {float(f'{took:.2g}'):,.0f} ms"
+            for name, took in zip(looks, ms, strict=True)
+        ]
         legend = draw_legend(figure, marks, labels, labelcolor=MUTED)
         legend.get_texts()[0].set(color=INK, fontweight="bold")
 
 
-def _values(one: "MethodStatistics") -> tuple[float, float, float]:
+def _values(one: MethodStatistics) -> tuple[float, float, float]:
     """What is drawn of a method at a level: right, %; wrong but called good, %; ms."""
-    return (
-        100.0 * one.n_success / one.n_epochs, 100.0 * one.n_false / one.n_epochs, max(one.ms.median, LEAST_MS),
-    )  # fmt: skip
+    ms = np.fmax(one.ms.median, LEAST_MS)  # NaN without any answer
+    return 100.0 * one.n_success / one.n_epochs, 100.0 * one.n_false / one.n_epochs, float(ms)
 
 
-def _set_limits(panels: Sequence["Axes"], found: Sequence["MethodStatistics"]) -> None:
+def _set_limits(panels: Sequence["Axes"], found: Sequence[MethodStatistics]) -> None:
     """Set the limits of the y axes: right, %; wrong, %, up to a multiple of 20; time, ms."""
     _, wrong, ms = zip(*map(_values, found), strict=True)
     panels[0].set_ylim(0.0, 103.0)
@@ -107,19 +109,17 @@ def _median_ms(name: str, levels_by_drive: Mapping[str, Levels]) -> float:
     return float(np.median([mine[-1].ms.median for mine in of_drives]))
 
 
-def _draw_drive(panels: Sequence["Axes"], drive: str, levels: Levels, looks: Mapping[str, dict[str, Any]]) -> None:
+def _draw_levels(panels: Sequence["Axes"], levels: Levels, looks: Mapping[str, dict[str, Any]]) -> None:
     """Draw one column of panels; the levels of the prior's error stand at equal distances, whatever their values."""
-    n_epochs = max(one.n_epochs for one in chain(*levels.values()))
-    panels[0].set_title(f"{drive}, {n_epochs} epochs", loc="left", fontweight="bold", parse_math=False)
     for rank, (name, look) in enumerate(reversed(list(looks.items()))):
-        rows = [
-            (place, *_values(one)) for place, found in enumerate(levels.values()) for one in found if one.method == name
-        ]
         # Wide lines lie below thin ones, the first method above all.
         above = 9.0 if look is FIRST else 2.0 + 0.1 * rank + (2.0 if look["lw"] < 2.0 else 0.0)
-        places, *values = np.array(rows).reshape(-1, 4).T
+        mine = [(place, one) for place, found in enumerate(levels.values()) for one in found if one.method == name]
+        places, *values = np.array([(place, *_values(one)) for place, one in mine]).reshape(-1, 4).T
         for axes, drawn in zip(panels, values, strict=True):
             axes.plot(places, drawn, zorder=above, **look)
+        ends = np.array([clopper_pearson(one.n_success, one.n_epochs) for _, one in mine]).reshape(-1, 2).T
+        panels[0].vlines(places, *(100.0 * ends), color=look["color"], lw=1.2, alpha=0.5, zorder=1.5)
     for axes in panels:
         axes.set(xlim=(-0.3, len(levels) - 0.7), xticks=range(len(levels)))
         draw_grid(axes, color="#e3e6eb")
@@ -127,3 +127,38 @@ def _draw_drive(panels: Sequence["Axes"], drive: str, levels: Levels, looks: Map
         axes.tick_params(labelbottom=axes is panels[2])
     panels[2].set_xticklabels([name.replace(", ", "\n") for name in levels])
     panels[2].set_xlabel("prior wrong by up to", labelpad=2.0)
+
+
+def levels_of_distance(rows_by_name: Mapping[str, MethodRows]) -> dict[str, list[MethodStatistics]]:
+    """Return methods, by names of their own, in at most 8 bins of the prior's distance from the reference.
+
+    Empty if no epoch that was tried has one. A level is named after its bin's upper edge and how many epochs it holds.
+    """
+    known = {}
+    for name, rows in rows_by_name.items():
+        distance = rows.numbers("prior_distance")
+        is_known = np.isfinite(distance) & rows.is_tried
+        known[name] = np.where(is_known, distance, np.nan)
+    farthest = max((float(np.nanmax(values, initial=-1.0)) for values in known.values()), default=-1.0)
+    if farthest < 0.0:
+        return {}
+    width = round_width(farthest)
+    levels = {}
+    for number in range(int(farthest / width) + 1):
+        bins = {name: np.floor(values / width) == number for name, values in known.items()}
+        found = [
+            replace(statistics(rows.where(bins[name])), method=name)
+            for name, rows in rows_by_name.items()
+            if bins[name].any()
+        ]
+        n_epochs = sorted({one.n_epochs for one in found})
+        if found:
+            words = "–".join(f"{n:,}" for n in dict.fromkeys((n_epochs[0], n_epochs[-1])))
+            levels[f"{(number + 1) * width:g} m, {words} epoch{'s' * (n_epochs[-1] > 1)}"] = found
+    return levels
+
+
+def round_width(farthest: float) -> float:
+    """Return the smallest of 0.5, 1, 2, 5, 10, ... m that makes at most 8 bins up to the farthest offset."""
+    widths = [digit * 10.0**power for power in range(-1, 9) for digit in (1.0, 2.0, 5.0)]
+    return next(width for width in widths[2:] if int(farthest / width) < MOST_BINS)

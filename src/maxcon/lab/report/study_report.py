@@ -18,11 +18,10 @@ from maxcon._system.version import __version__
 from maxcon.errors import OptionError
 from maxcon.lab.dataset import DESCRIPTION
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.lab.paper.claims import COUNT, HELMERT, paper_claims
-from maxcon.lab.report import check_jinja2, write_page
-from maxcon.lab.report.study_certainty import certainty_of
-from maxcon.lab.report.study_pictures import draw_scenes, open_scenes, space_of
-from maxcon.lab.report.study_statistics import draw_statistics, own_methods
+from maxcon.lab.report import check_jinja2, page_words, write_page
+from maxcon.lab.report.claims import COUNT, HELMERT, paper_claims
+from maxcon.lab.report.study_figures import certainty_of, draw_statistics, own_methods
+from maxcon.lab.report.study_scenes import draw_scenes, open_scenes, space_of
 from maxcon.lab.study import METHOD_SETS, MethodRows, MethodStatistics, Study, refined_words, rows_by_method, statistics
 from maxcon.lab.study.bench import REFERENCE
 from maxcon.plotting.figure import check_matplotlib
@@ -30,46 +29,22 @@ from maxcon.search.objectives import Objective
 from maxcon.search.space import SearchSpace
 
 FEW_EPOCHS = 50
-QUESTIONS = {
-    "weights": (
-        "Weights of normals",
-        "With w = max(0, n_scan · n_map), where a scan point has no normal 0 (published) or 1/2; and with w = 1.",
-    ),
-    "thinning": (
-        "Thinning of the scan",
-        "All its points, and one in each cube of 0.25 m (the default) or 0.40 m; every map point counted (points).",
-    ),
-    "cells": ("Edge of a cell", "The map's voxels and the search's cells together; a voxel counts once."),
-    "density": ("Density of the map", "The whole cloud, every fourth and every sixteenth point of it."),
-    "ground": (
-        "With the ground in the map",
-        "A baseline that leans on the ground may have it; maximum consensus gets the same map.",
-    ),
-}
-"""Sets of methods that answer a question, each with the title and the words of its table."""
 WITHOUT_GROUND = ("helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
 """Methods that are shown beside those with the ground in the map."""
 
 
 def report_study(
-    study_folder: str | os.PathLike[str],
-    path: str | os.PathLike[str],
-    *,
-    figures: str | os.PathLike[str] | None = None,
-    dataset: str | os.PathLike[str] | None = None,
-    prior: str | None = None,
-    objective: Objective | None = None,
-    progress: Progress | None = None,
-) -> Path:
-    """Write the page of a study, and its figures beside it; return the folder of the figures.
+    study_folder: str | os.PathLike[str], path: str | os.PathLike[str], *,
+    figures: str | os.PathLike[str] | None = None, dataset: str | os.PathLike[str] | None = None,
+    prior: str | None = None, objective: Objective | None = None, progress: Progress | None = None,
+) -> Path:  # fmt: skip
+    """Write the page of a study (HTML), and its figures beside it; return the folder of the figures.
 
     study_folder: what `run_study` made, done or not.
-    path: HTML file to write.
     figures: folder for the figures, SVG; named after the page if None.
     dataset: where the dataset is now; where it was if None. Without it the scenes are left out, and the page says so.
     prior: the prior that figures and claims are about; the first of the study if None. Tables have all.
     objective: the user's own, drawn beside count and Helmert's score.
-    progress: called with (step, done, of how many).
     """
     check_matplotlib()
     check_jinja2()
@@ -90,9 +65,8 @@ def report_study(
     report = progress or (lambda step, done, total: None)
     notes = _cautions(study, methods)
     made = [method["method"] for method in study.configuration.methods.values()]
-    if objective is not None and describe(objective) not in [
-        of.get("objective") for of in made if isinstance(of, dict)
-    ]:
+    studied = [method.get("objective") for method in made if isinstance(method, dict)]
+    if objective is not None and describe(objective) not in studied:
         notes.append("The objective in the pictures is not in the tables: it was not studied, or was edited since.")
     scenes = open_scenes(study, dataset, prior, notes, objective)
     report("drawing", 0, 2)
@@ -105,25 +79,18 @@ def report_study(
     certainty = certainty_of(folder, by_prior, prior, study.configuration.methods)
     space = space_of(study.configuration.methods, HELMERT) or SearchSpace.paper()
     numbers = {name: [statistics(rows) for rows in methods.values()] for name, methods in by_prior.items()}
-    write_page(
-        page,
-        "study.html.j2",
-        {
-            "title": f"maxcon study: {_name(study)}",
-            "headline": _headline(methods, prior),
-            "facts": _facts(study, methods),
-            "claims": paper_claims(methods, space.cell_edge, by_prior.get(REFERENCE)),
-            "tables": [table for name, found in numbers.items() for table in method_tables(name, found)],
-            "scenes": drawn,
-            "statistics": pictures,
-            "certainty": certainty,
-            "notes": notes,
-            "reasons": _reasons(by_prior),
-            "command": _command(study_folder, path, figures=figures, dataset=dataset, prior=prior),
-            "configuration": json.dumps(study.configuration.runs, indent=1),
-            "version": __version__,
-        },
-    )
+    page_of = {
+        "title": f"maxcon study: {_name(study)}", "name": _name(study), "prior": prior,
+        "success": SUCCESS_WORDS, "table": study.table,
+        "main": [statistics(methods[name]) for name in _main_methods(methods)],
+        "epochs": {epoch for rows in methods.values() for epoch in rows.numbers("epoch").tolist()},
+        "study": study.configuration, "claims": paper_claims(methods, space.cell_edge, by_prior.get(REFERENCE)),
+        "tables": [table for name, found in numbers.items() for table in method_tables(name, found)],
+        "scenes": drawn, "statistics": pictures, "certainty": certainty, "notes": notes,
+        "reasons": _reasons(by_prior), "configuration": json.dumps(study.configuration.runs, indent=1),
+        "command": _command(study_folder, path, figures=figures, dataset=dataset, prior=prior), "version": __version__,
+    }  # fmt: skip
+    write_page(page, "study.html.j2", page_of)
     return folder
 
 
@@ -155,13 +122,9 @@ def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
     return notes
 
 
-def _headline(methods: dict[str, MethodRows], prior: str) -> str:
-    """Return the successes of the main methods as a sentence."""
+def _main_methods(methods: dict[str, MethodRows]) -> list[str]:
     known = ("maxcon", HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
-    names = [*own_methods(methods), *(name for name in known if name in methods)] or list(methods)[:6]
-    found = [statistics(methods[name]) for name in names]
-    words = "; ".join(f"{method.method} {method.n_success:,} of {method.n_epochs:,}" for method in found)
-    return f"Epochs within {SUCCESS_WORDS} of the reference, from the prior “{prior}”: {words}."
+    return [*own_methods(methods), *(name for name in known if name in methods)] or list(methods)[:6]
 
 
 def _command(study_folder: str | os.PathLike[str], path: str | os.PathLike[str], **options: object) -> str:
@@ -176,19 +139,6 @@ def _name(study: Study) -> str:
     """Name of the dataset: that of its folder, or of its description if that has not the usual name."""
     path = Path(study.configuration.dataset)
     return path.parent.name if path.name == DESCRIPTION else path.stem
-
-
-def _facts(study: Study, methods: dict[str, MethodRows]) -> dict[str, str]:
-    epochs = {epoch for rows in methods.values() for epoch in rows.numbers("epoch").tolist()}
-    n_runs = len(study.configuration.runs)
-    seconds = sum(float(run.get("seconds", 0.0)) for run in study.configuration.runs)
-    return {
-        "Dataset": _name(study),
-        "Epochs": f"{len(epochs):,} of {study.configuration.n_scans:,} scans",
-        "Methods": f"{len(study.configuration.methods)}",
-        "Rows": f"{len(study.table):,}",
-        "Time": f"{seconds / 60.0:.1f} min, {n_runs} run{'s' * (n_runs != 1)}",
-    }
 
 
 def _reasons(by_prior: dict[str, dict[str, MethodRows]]) -> tuple[tuple[str, int], ...]:
@@ -210,23 +160,22 @@ def _reasons(by_prior: dict[str, dict[str, MethodRows]]) -> tuple[tuple[str, int
 def method_tables(prior: str, found: Sequence[MethodStatistics]) -> list[dict[str, Any]]:
     """Return the tables of one prior: that of the methods, and one for each question that the study answers."""
     by_name = {method.method: method for method in found}
-    asked = {name: [by_name[one] for one in METHOD_SETS[name] if one in by_name] for name in QUESTIONS}
+    questions = page_words()["tables"]
+    asked = {name: [by_name[one] for one in METHOD_SETS[name] if one in by_name] for name in questions}
     asked["ground"] += [by_name[name] for name in WITHOUT_GROUND if name in by_name]
-    only_asked = {name for question in QUESTIONS for name in METHOD_SETS[question]} - set(METHOD_SETS["consensus"])
+    only_asked = {name for question in questions for name in METHOD_SETS[question]} - set(METHOD_SETS["consensus"])
     plain = [method for method in found if method.method not in only_asked]
     tables = [_table(f"Methods, prior “{prior}”", "", plain)] if plain else []
-    for name, (title, words) in QUESTIONS.items():
+    for name, question in questions.items():
         if any(method.method in only_asked for method in asked[name]):
-            tables.append(_table(f"{title}, prior “{prior}”", words, asked[name]))
+            tables.append(_table(f"{question['title']}, prior “{prior}”", question["words"], asked[name]))
     return tables
 
 
 def _table(title: str, words: str, methods: Sequence[MethodStatistics]) -> dict[str, Any]:
     """A table: what is compared and how to read it, a row per method, and which columns have values."""
+    has_distinctness = any(not math.isnan(method.kurtosis.median) for method in methods)
     return {
-        "title": title,
-        "words": words,
-        "methods": methods,
-        "has_distinctness": any(not math.isnan(method.kurtosis.median) for method in methods),
+        "title": title, "words": words, "methods": methods, "has_distinctness": has_distinctness,
         "has_starts": any(method.n_starts for method in methods),
-    }
+    }  # fmt: skip

@@ -80,14 +80,17 @@ class Bench:
         try:
             raw = self.scans.read(number, self.options.min_range, self.options.max_range)
         except FileError as error:
-            return _failed(row, methods, Status.UNREADABLE, str(error))
+            return self.failed(prior_name, number, methods, str(error), Status.UNREADABLE)
         row["n_points"] = len(raw.points)
         shared = _SharedAccumulators(scan_of(raw))
         return [row | {"method": one.name} | self._columns(shared, one, prior, reference) for one in methods]
 
-    def failed(self, prior_name: str, number: int, methods: Sequence[StudyMethod], reason: str) -> list[Row]:
+    def failed(
+        self, prior_name: str, number: int, methods: Sequence[StudyMethod], reason: str, status: Status = Status.FAILED
+    ) -> list[Row]:
         """Return a row for each method that says why it never answered an epoch."""
-        return _failed(self._begun(prior_name, number)[0], methods, Status.FAILED, reason)
+        row = self._begun(prior_name, number)[0] | {"status": status.value, "reason": reason}
+        return [row | {"method": method.name} for method in methods]
 
     def _begun(self, prior_name: str, number: int) -> tuple[dict[str, Any], Pose | None, Pose | None]:
         """Columns of an epoch before any method has seen it; its prior and its reference."""
@@ -125,10 +128,6 @@ class Bench:
             if type(method.method).__module__.startswith("maxcon."):
                 raise  # a defect of ours; a user's own method may fail as it likes
             return {"status": Status.FAILED.value, "reason": f"{type(error).__name__}: {error}"}
-
-
-def _failed(row: dict[str, Any], methods: Sequence[StudyMethod], status: Status, reason: str) -> list[Row]:
-    return [row | {"status": status.value, "reason": reason, "method": method.name} for method in methods]
 
 
 class _SharedAccumulators:

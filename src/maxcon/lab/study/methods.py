@@ -120,10 +120,7 @@ AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0, "is_l
 
 
 def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
-    """Return all methods that have a name; those of maximum consensus search in `space`.
-
-    A map with another cell edge gets the same space in cells of that edge.
-    """
+    """Return all methods that have a name; those of maximum consensus search in `space`, in cells of their map."""
     found = [*_consensus_methods(space), *_baseline_methods(space)]
     return {method.name: method for method in found}
 
@@ -141,7 +138,10 @@ def choose_methods(
     chosen: dict[str, StudyMethod] = {}
     for name in names:
         if name in own:
-            chosen.update({one.name: one for one in _beside_ours(name.rpartition(":")[2], own[name], space)})
+            method = MaximumConsensus(space, objective=own[name], multiplicity="occupied", **CELL_ONLY)
+            mine = StudyMethod(f"{name.rpartition(':')[2]}-occupied", method)
+            ours = (known[f"{objective.name}-occupied"] for objective in OBJECTIVES)
+            chosen.update({one.name: one for one in (mine, *ours)})
             continue
         if name not in known and name not in METHOD_SETS:
             near = difflib.get_close_matches(name, [*known, *METHOD_SETS], n=3, cutoff=0.4)
@@ -153,13 +153,6 @@ def choose_methods(
     if not chosen:
         raise OptionError(f"Expected at least one method, got none. Sets are {', '.join(METHOD_SETS)}.")
     return list(chosen.values())
-
-
-def _beside_ours(name: str, objective: Objective, space: SearchSpace) -> list[StudyMethod]:
-    """NAME-occupied, the best cells of an objective of one's own, and those of ours, with all else alike."""
-    known = known_methods(space)
-    method = MaximumConsensus(space, objective=objective, multiplicity="occupied", **CELL_ONLY)
-    return [StudyMethod(f"{name}-occupied", method), *(known[f"{each.name}-occupied"] for each in OBJECTIVES)]
 
 
 def refined_words(described: Mapping[str, dict[str, Any]]) -> str:

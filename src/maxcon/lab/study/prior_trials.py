@@ -61,9 +61,8 @@ def space_of(level: PriorErrors) -> SearchSpace:
 def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> list[StudyMethod]:
     """Return the methods that are compared at a level, each told how wrong the prior may be.
 
-    Maximum consensus has all its defaults and the standard map. The peers get the ground too: it holds height and tilt,
-    which GICP solves for, and ICP is right more often with it (docs/prior_error.md). `gates` (m) are of registration
-    from one start; ICP has all but those above 3.
+    The peers get a map with ground, which holds height and tilt: GICP solves for them, and ICP is right more often with
+    it (docs/prior_error.md). `gates` (m) are of registration from one start; ICP has all but those above 3.
     """
     targets = MapTargets()
     # Seventy-five starts of a scan thinned as usual take seconds; coarser, they end at the same places.

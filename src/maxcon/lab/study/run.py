@@ -68,25 +68,15 @@ class Configuration:
         cls, dataset: Dataset, n_scans: int, options: DriveOptions, methods: Sequence[StudyMethod]
     ) -> "Configuration":
         """Return the configuration of a study that begins."""
-        return cls(
-            __version__,
-            str(dataset.path.resolve()),
-            dataset_parts(dataset),
-            n_scans,
-            describe(asdict(options)),
-            {
-                method.name: {
-                    "method": describe(method.method),
-                    "map": method.map_name,
-                    "starts": "around the reference" if method.around_reference else "from the prior",
-                }
-                for method in methods
-            },
-            {
-                name: {"path": str(dataset.map_path)} if dataset.map_path else MAP_VARIANTS[name]
-                for name in dict.fromkeys(method.map_name for method in methods)
-            },
-        )
+        starts = {True: "around the reference", False: "from the prior"}
+        described = {
+            one.name: {"method": describe(one.method), "map": one.map_name, "starts": starts[one.around_reference]}
+            for one in methods
+        }
+        built = None if dataset.map_path is None else {"path": str(dataset.map_path)}
+        maps = {one.map_name: built or MAP_VARIANTS[one.map_name] for one in methods}
+        parts, path = dataset_parts(dataset), str(dataset.path.resolve())
+        return cls(__version__, path, parts, n_scans, describe(asdict(options)), described, maps)
 
     @classmethod
     def read(cls, folder: Path) -> "Configuration":
@@ -225,19 +215,15 @@ def run_study(
 ) -> Study:  # fmt: skip
     """Let methods localize epochs of a dataset; rows that are in the folder already are not made again.
 
-    - dataset: map, scans, reference and priors.
     - folder: of the study; made if it is not there. More methods, priors or epochs can be added to a study later.
-    - methods: each by a name of its own.
     - priors: names of the dataset's priors, or "reference" for the reference itself; all of the dataset's if None.
     - n_epochs: so many of the dataset's scans, evenly spread; all if None.
-    - n_workers: processes; as many as there are processors if None. With one, all is done in this process.
-    - options: range limits, and gaps of the trajectories to interpolate across.
+    - n_workers: processes, as many as processors if None; with one, all is done in this process. Instead: a dask
+      `scheduler`, by its address, for which `warn` is called with a line while it is waited for.
     - progress: called with (step, done, of how many).
-    - scheduler: address of a dask scheduler, whose workers do it instead.
-    - warn: called with a line for the user: that the scheduler is waited for.
 
-    OptionError if a prior or a number does not exist, or the folder holds a study made otherwise; FileError, MapError,
-    TrajectoryError, CrsError or MissingExtraError if the dataset cannot be used, or the folder cannot be written.
+    MaxconError of some kind if a prior or a number does not exist, the folder holds a study made otherwise or cannot be
+    written, or the dataset cannot be used.
     """
     root, options, report = Path(folder), options or DriveOptions(), progress or (lambda step, done, total: None)
     engine = Engine(n_workers, scheduler, warn)

@@ -5,6 +5,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from maxcon._system.resumable import ResumableTable
 from maxcon.estimate import Status
-from maxcon.lab.evaluation import Quantiles
+from maxcon.lab.evaluation import Quantiles, upper_bound
 
 if TYPE_CHECKING:
     import pyarrow
@@ -122,6 +123,14 @@ class MethodRows:
         could_be = np.array([word not in NOT_TRIED for word in self.words("status")], dtype=bool)
         return could_be & np.isfinite(self.numbers("reference_x"))
 
+    def has(self, name: str) -> bool:
+        """Whether any row has a value in a column of numbers."""
+        return bool(np.isfinite(self.numbers(name)).any())
+
+    def where(self, is_kept: NDArray[np.bool_]) -> "MethodRows":
+        """Return some of the rows; shape (n,)."""
+        return MethodRows(self.prior, self.method, self.table.filter(is_kept))
+
     def words(self, name: str) -> list[str | None]:
         """Return a column of text."""
         return list(self.table.column(name).to_pylist())
@@ -131,25 +140,18 @@ class MethodRows:
 class MethodStatistics:
     """Statistics of one method with one prior over all its epochs, the rows.
 
-    n_tried: epochs that say something about the method: the reference is known, the scan could be read, and the start
-        lay inside the map.
-    n_success: within 0.3 m and 1 degree of the reference, trusted or not; of several starts: all.
-    n_localized: epochs whose pose the method itself calls localized.
-    n_false: of these, how many are no success.
-    statuses: how often each status came.
-    distance ... ms: quantiles of the absolute values of these columns; NaN where the method has none.
-    n_starts, n_converged: over all epochs; 0 where the method has one start.
+    Quantiles are of the absolute values of the columns of their names; NaN where the method has none.
     """
 
     prior: str
     method: str
     n_epochs: int
-    n_tried: int
-    n_success: int
-    n_localized: int
-    n_false: int
-    statuses: dict[str, int]
-    n_starts: int
+    n_tried: int  # that say something of the method: reference known, scan read, start inside the map
+    n_success: int  # within 0.3 m and 1 degree of the reference, trusted or not; of several starts: all
+    n_localized: int  # whose pose the method itself calls localized
+    n_false: int  # of these, how many are no success
+    statuses: dict[str, int]  # how often each came
+    n_starts: int  # over all epochs; 0 where the method has one start
     n_converged: int
     distance: Quantiles
     along: Quantiles
@@ -160,6 +162,11 @@ class MethodStatistics:
     divergence: Quantiles
     spread: Quantiles
     ms: Quantiles
+
+    @property
+    def false_bound(self) -> float:
+        """Upper limit, with 95 % confidence, of the rate of wrong answers among those called localized, 0 to 1."""
+        return upper_bound(self.n_false, self.n_localized)
 
 
 def rows_by_method(table: "pyarrow.Table", order: Sequence[str] = ()) -> list[MethodRows]:
@@ -173,6 +180,12 @@ def rows_by_method(table: "pyarrow.Table", order: Sequence[str] = ()) -> list[Me
         is_here = (compute.field("prior") == prior) & (compute.field("method") == method)
         found.append(MethodRows(prior, method, table.filter(is_here).sort_by("epoch")))
     return found
+
+
+def in_common(found: Mapping[str, MethodRows]) -> dict[str, MethodRows]:
+    """Return the rows of at least one method in the epochs that all of them have."""
+    epochs = reduce(np.intersect1d, [rows.numbers("epoch") for rows in found.values()])
+    return {name: rows.where(np.isin(rows.numbers("epoch"), epochs)) for name, rows in found.items()}
 
 
 def statistics(rows: MethodRows) -> MethodStatistics:

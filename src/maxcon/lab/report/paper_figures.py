@@ -1,27 +1,153 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How distinct the answers of all epochs are: four measures (the paper's figure 5), kurtosis on the map (figure 6)."""
+"""The paper's comparisons: objectives side by side (figure 4), distinctness (figure 5), kurtosis on the map (6)."""
 
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maxcon.lab.charts import METHOD_STYLES, MethodStyle, draw_grid, draw_legend, draw_number_ticks
+from maxcon.geometry import Pose, wrap_angle
 from maxcon.lab.distinctness import GUARD_RADIUS
+from maxcon.lab.report.charts import METHOD_STYLES, Floats, MethodStyle, draw_grid, draw_legend, draw_number_ticks
 from maxcon.map import PointMap
-from maxcon.plotting.figure import INK, MUTED, saved_figure
-from maxcon.plotting.from_above import SIDE, Window, map_figure
+from maxcon.plotting.epoch import draw_points, half_width_of, is_off_the_ground
+from maxcon.plotting.figure import (
+    INK,
+    MUTED,
+    SERIES,
+    SIDE,
+    Window,
+    draw_map,
+    draw_scale_bar,
+    map_figure,
+    map_patch,
+    saved_figure,
+)
+from maxcon.plotting.score_panel import (
+    COLOR_POWER,
+    COLORS,
+    SearchSpaceView,
+    cell_marks,
+    draw_scores,
+    ground_of,
+    put_mark,
+    title_of,
+)  # fmt: skip
+from maxcon.scan import Scan
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-Floats = NDArray[np.float64]
+# --- several epochs, objectives side by side (figure 4) ------------------------------------------------------
+
+OUTSIDE = "#d9d9d9"
+# Largest half width of the ground around the reference, m.
+MOST_HALF_WIDTH = 35.0
+
+
+class ComparisonRow(NamedTuple):
+    """One epoch, scored by at least two objectives, which need not share an accumulator."""
+
+    label: str  # what is special about it: "crossing", "straight street"
+    scan: Scan  # sensor frame
+    point_map: PointMap
+    reference: Pose  # local frame: where the highest score should be
+    views: Sequence[SearchSpaceView]
+
+
+def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow], *, title: str) -> None:
+    """Draw one row per epoch: the scan in the map from above, and the search space of each objective.
+
+    A search space is drawn at the heading of its best cell, with (0, 0) at the reference. Its colours run from
+    0 (the lowest score, if negative) to its own highest, on a root scale: units of scores differ.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import PowerNorm
+
+    n_places = max(len(row.views) for row in rows)
+    words = (
+        "Each square: all positions at the best heading, scored. Above it: where the best cell lies from the"
+        "\nreference, in m and degrees. (0, 0) is right."
+    )
+    with saved_figure(path, 1.2 + 3.5 * (1 + n_places), 3.7 * len(rows) + 2.1, title, words) as figure:
+        panels = figure.subplots(len(rows), 1 + n_places, squeeze=False)
+        for (ground, *places), row in zip(panels, rows, strict=True):
+            scan = _draw_ground(ground, row)
+            for axes, view in zip(places, row.views, strict=True):
+                draw_view(axes, view, row.reference)
+                axes.set_title(view_words(view, row.reference), loc="left", pad=12, parse_math=False)
+                axes.set_xlabel("x from the reference [m]")
+            places[0].set_ylabel("y from the reference [m]")
+        scale = ScalarMappable(PowerNorm(COLOR_POWER, 0.0, 1.0), cmap=COLORS)
+        words = f"{scale_words(view for row in rows for view in row.views)} (root scale)"
+        figure.colorbar(scale, ax=panels[:, -1], ticks=[0.0, 0.1, 0.5, 1.0], format="%g", label=words, shrink=0.9)
+        figure.legend(handles=[map_patch(), *scan, *cell_marks()], loc="outside lower left", ncols=4)
+
+
+def _draw_ground(axes: "Axes", row: ComparisonRow) -> list["Artist"]:
+    """Draw map and scan, without level ground, around the reference; return what the legend shows of the scan."""
+    points = row.reference.apply(row.scan.points[is_off_the_ground(row.scan, row.reference)])
+    window = Window.around(row.reference.x, row.reference.y, half_width_of(row.scan, MOST_HALF_WIDTH))
+    draw_map(axes, row.point_map, window)
+    handles = draw_points(axes, [("scan at the reference", SERIES[2], points, 1.2)])
+    mark = cell_marks()[1]
+    mark.set_markersize(10)
+    put_mark(axes, mark, row.reference.x, row.reference.y)
+    axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
+    axes.set_title(row.label, loc="left", pad=12, parse_math=False, fontweight="bold")
+    draw_scale_bar(axes, window)
+    return handles
+
+
+def draw_view(axes: "Axes", view: SearchSpaceView, reference: Pose) -> None:
+    """Draw the best heading with the reference at (0, 0), and mark both."""
+    x, y = view.offset(reference)
+    ground = ground_of(view.space, -x, -y)
+    xlim, ylim = (min(ground.west, 0.0), max(ground.east, 0.0)), (min(ground.south, 0.0), max(ground.north, 0.0))
+    axes.set(xlim=xlim, ylim=ylim, facecolor=OUTSIDE)
+    draw_scores(axes, view.scores[view.best[0]], ground, view.norm)
+    best_mark, reference_mark = cell_marks()
+    put_mark(axes, reference_mark, 0.0, 0.0)
+    if view.has_best:
+        put_mark(axes, best_mark, *best_from(view, reference)[:2])
+    axes.locator_params(nbins=5)
+
+
+def best_from(view: SearchSpaceView, reference: Pose) -> tuple[float, float, float]:
+    """Return offset x, y (m) and turn (rad) of the best cell's pose from the reference."""
+    pose = view.space.pose(view.best, view.accumulator.prior)
+    return pose.x - reference.x, pose.y - reference.y, wrap_angle(pose.heading - reference.heading)
+
+
+def view_words(view: SearchSpaceView, reference: Pose) -> str:
+    """Return the title of a panel, and in a second line where its best cell lies from the reference."""
+    name = view.title or title_of(view.objective)
+    if not view.has_best:
+        return f"{name}\nall cells score the same"
+    x, y, turn = best_from(view, reference)
+    # With a minus that is as wide as a digit, and none before 0.
+    x_words, y_words, turn_words = (
+        f"{round(value, 2) + 0.0:.2f}".replace("-", "−") for value in (x, y, math.degrees(turn))
+    )
+    return f"{name}\n(x = {x_words}, y = {y_words}), turn {turn_words}°"
+
+
+def scale_words(views: Iterable[SearchSpaceView]) -> str:
+    """Return the label of the colour scale that search spaces share, each from 0 to its own highest score."""
+    if any(view.limits[0] < 0.0 for view in views):
+        return "score, from the lowest (0) to the highest (1) of the square"
+    return "score, over the highest of the square"
+
+
+# --- distinctness of all epochs (figure 5) -------------------------------------------------------------------
+
 # Odd, so that where all values are equal they lie in the middle of a bin.
 N_BINS = 31
 # A logarithmic axis spans at least this factor, or equal values would make a bar as wide as the panel.
@@ -48,23 +174,13 @@ MEASURES = {
 """The panels by the fields of `maxcon.lab.distinctness.Distinctness`."""
 
 
-def bin_percents(values: Floats, edges: Floats) -> Floats:
-    """Percentage of all epochs in each bin; those without a value are in no bin, so the sum may be below 100.
-
-    values: shape (n,); one per epoch, NaN where it is not defined; those beyond the edges fall into the outermost bins.
-    edges: shape (n_bins + 1,); rising. A bin holds its lower edge; the last one its upper edge too.
-    """
-    counts, _ = np.histogram(np.clip(values[~np.isnan(values)], edges[0], edges[-1]), edges)
-    return np.asarray(100.0 * counts / max(1, len(values)), dtype=np.float64)
-
-
 def plot_distinctness(
     path: str | os.PathLike[str], by_method: Mapping[str, Mapping[str, Floats]], *, title: str
 ) -> None:
     """Draw the distributions of peak ratio, kurtosis, divergence and spread, with the median of each method.
 
     by_method: by the method's name, values of shape (n,) by the names of `MEASURES`, all of the same epochs; NaN where
-        one is not defined.
+        one is not defined: such an epoch is in no bin.
     """
     words = (
         f"Epochs of each method: {len(next(iter(by_method.values()))['spread'])}. Upright lines: medians."
@@ -84,7 +200,10 @@ def _draw_measure(axes: "Axes", measure: _Measure, by_method: list[Floats]) -> l
     from matplotlib.ticker import MaxNLocator
 
     edges = _edges(measure.least, np.concatenate(by_method))
-    percents = [bin_percents(values, edges) for values in by_method]
+    percents = [
+        100.0 * np.histogram(np.clip(values[~np.isnan(values)], edges[0], edges[-1]), edges)[0] / max(1, len(values))
+        for values in by_method
+    ]
     highest = max(float(percent.max()) for percent in percents) or 1.0
     handles = []
     for style, values, percent in zip(METHOD_STYLES, by_method, percents, strict=False):
@@ -144,7 +263,9 @@ def _median_words(values: Floats, unit: str) -> str:
     return f"median {np.nanmedian(values):.3g}{unit}" + (f" (not defined in {n_missing})" if n_missing else "")
 
 
-# Kurtosis on the map (figure 6). Diameters of the circles, points.
+# --- kurtosis on the map (figure 6) --------------------------------------------------------------------------
+
+# Diameters of the circles, points.
 LARGE, SMALL = 13.0, 6.5
 # Kurtoses that span more than this factor get a logarithmic colour scale.
 SKEWED = 5.0
@@ -163,28 +284,23 @@ def spaced_epochs(places: Floats, distance: float) -> list[int]:
 
 
 def plot_kurtosis_map(
-    path: str | os.PathLike[str],
-    places: Floats,
-    small: tuple[str, Floats],
-    large: tuple[str, Floats],
-    *,
-    point_map: PointMap | None,
-    title: str,
-) -> None:
+    path: str | os.PathLike[str], places: Floats, small: tuple[str, Floats], large: tuple[str, Floats], *,
+    point_map: PointMap | None, title: str,
+) -> None:  # fmt: skip
     """Draw the drive from above, each epoch as a small circle in a large one: the kurtosis by two objectives.
 
-    Both share one colour scale, logarithmic where the values are skewed. Epochs whose circles would cover
-    those of an earlier one are left out; the picture says how many are shown.
+    Epochs whose circles would cover those of an earlier one are left out; the picture says how many are shown.
 
     places: shape (n, 2), n > 0; reference positions, local frame, m.
-    small, large: what the small and the large circles stand for, and the kurtosis along the significant ray, shape
-        (n,); NaN where it is not defined.
+    small, large: what the circles stand for, and the kurtosis along the significant ray, shape (n,); NaN where it is
+        not defined.
     point_map: drawn below, in grey.
     """
+    from matplotlib.lines import Line2D
+
     window = Window.with_room(places)
     spacing = 1.1 * LARGE / 72.0 / SIDE * max(window.size)
     shown = spaced_epochs(places, spacing)
-    labels = [f"large: {large[0]}", f"small: {small[0]}", "white: not defined"]
     medians = "; ".join(
         f"{name} {_median_words(values, '').removeprefix('median ')}" for name, values in (small, large)
     )
@@ -197,7 +313,10 @@ def plot_kurtosis_map(
         limits = colors.get_clim()
         if limits[1] > SKEWED * limits[0]:
             draw_number_ticks(bar.yaxis, *limits)
-        draw_legend(figure, _legend_circles(), labels)
+        labels = [f"large: {large[0]}", f"small: {small[0]}", "white: not defined"]
+        looks = ((LARGE, "#b9bec8"), (SMALL, "#b9bec8"), (SMALL, "white"))
+        marks = [Line2D([], [], ls="", marker="o", ms=size, mfc=face, mec=INK, mew=0.5) for size, face in looks]
+        draw_legend(figure, marks, labels)
 
 
 def _draw_circles(axes: "Axes", places: Floats, small: Floats, large: Floats, shown: list[int]) -> "ScalarMappable":
@@ -206,7 +325,10 @@ def _draw_circles(axes: "Axes", places: Floats, small: Floats, large: Floats, sh
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm, Normalize
 
-    low, high = color_limits(np.concatenate([small, large]))
+    values = np.concatenate([small, large])
+    known = values[~np.isnan(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
+    low, high = (low, high) if high > 1.01 * low else (0.8 * low, 1.25 * high)
     norm = LogNorm(low, high) if high > SKEWED * low else Normalize(low, high)
     colors = ScalarMappable(norm, colormaps["viridis"].with_extremes(bad="white"))
     axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
@@ -216,20 +338,3 @@ def _draw_circles(axes: "Axes", places: Floats, small: Floats, large: Floats, sh
             edgecolors=list(np.where(np.isnan(kurtosis), INK, edge)), linewidths=0.7, zorder=layer,
         )  # fmt: skip
     return colors
-
-
-def color_limits(values: Floats) -> tuple[float, float]:
-    """Return the ends of the colour scale: the least and the largest value, or a range around both if equal."""
-    known = values[~np.isnan(values)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
-    return (low, high) if high > 1.01 * low else (0.8 * low, 1.25 * high)
-
-
-def _legend_circles() -> "list[Line2D]":
-    """Return a large, a small and an empty circle for the legend."""
-    from matplotlib.lines import Line2D
-
-    return [
-        Line2D([], [], ls="", marker="o", ms=diameter, mfc=face, mec=INK, mew=0.5)
-        for diameter, face in ((LARGE, "#b9bec8"), (SMALL, "#b9bec8"), (SMALL, "white"))
-    ]

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 import maxcon
-from drawn_figures import parts, words, yard
-from maxcon.lab.paper.distinctness_plots import MEASURES, plot_distinctness, plot_kurtosis_map, spaced_epochs
-from maxcon.lab.paper.search_spaces import (
+from drawn_figures import BelowZero, parts, words, yard
+from maxcon.lab.report.paper_figures import (
+    MEASURES,
     best_from,
-    draw_space,
     draw_view,
-    highest_of_blocks,
-    overview_words,
+    plot_distinctness,
+    plot_kurtosis_map,
+    scale_words,
+    spaced_epochs,
     view_words,
 )
 from maxcon.plotting.score_panel import SearchSpaceView
@@ -63,35 +64,9 @@ def test_the_reference_is_at_zero_and_the_whole_space_in_sight(panel, reference,
     np.testing.assert_allclose(marks, [(0.0, 0.0), best], atol=1e-9)
 
 
-# Figure 3: the overview.
-
-
-def test_blocks_hold_their_highest_score_also_where_they_are_cut():
-    scores = np.array([[1.0, 2.0, 9.0], [0.0, 5.0, 3.0], [4.0, -np.inf, 7.0]])
-    np.testing.assert_array_equal(highest_of_blocks(scores, 2), [[5.0, 9.0], [4.0, 7.0]])
-    np.testing.assert_array_equal(highest_of_blocks(scores, 1), scores)
-    np.testing.assert_array_equal(highest_of_blocks(scores, 5), [[9.0]])
-
-
-def test_best_cell_is_marked_on_the_ground(panel):
-    draw_space(panel, view(), is_localized=True, is_this=True)
-    draw_space(panel, view(), is_localized=False, is_this=False)
-    pose = parts()["estimate"].pose
-    for line, marker in zip(panel.lines, "ox", strict=True):
-        np.testing.assert_allclose(line.get_xydata()[0], [pose.x, pose.y], atol=1e-3)  # refined
-        assert line.get_marker() == marker
-    # Twenty cells of 6 cm around (-0.18, 0.24).
-    assert panel.images[0].get_extent() == pytest.approx([-0.81, 0.39, -0.39, 0.81])
-    assert panel.images[0].get_array().max() == parts()["estimate"].score
-
-
-@pytest.mark.parametrize("status", [maxcon.Status.LOCALIZED, maxcon.Status.AT_RIM])
-def test_the_overview_says_how_the_epoch_ended(status):
-    estimate = replace(parts()["estimate"], status=status)
-    found = overview_words(estimate, maxcon.Helmert(), parts()["accumulator"]).replace("\n", " ")
-    assert "1.2 m × 1.2 m, at the best heading; colours: Helmert's score." in found
-    ending = "localized" if status is maxcon.Status.LOCALIZED else f"NOT LOCALIZED: {status.value}"
-    assert f"This epoch is {ending}." in found
+def test_a_scale_says_where_it_begins():
+    assert scale_words([view(), view(maxcon.Count())]) == "score, over the highest of the square"
+    assert "from the lowest (0)" in scale_words([view(), view(BelowZero())])
 
 
 # Figures 5 and 6: how distinct the answers are.

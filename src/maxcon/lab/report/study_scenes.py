@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Single epochs of a study, searched again for its page: overview, headings, count beside Helmert."""
+"""Single epochs of a dataset, searched again for a page: all headings, count beside Helmert."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -15,15 +15,14 @@ from maxcon.errors import FileError, MaxconError
 from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.paper.claims import HELMERT
-from maxcon.lab.paper.distinctness_plots import spaced_epochs
-from maxcon.lab.paper.search_spaces import WINDOW_REACHES, ComparisonRow, plot_comparison, plot_overview
-from maxcon.lab.report import Picture
-from maxcon.lab.report.study_statistics import common_epochs
+from maxcon.lab.report import Picture, page_words
+from maxcon.lab.report.claims import HELMERT
+from maxcon.lab.report.paper_figures import ComparisonRow, plot_comparison
 from maxcon.lab.study import MethodRows, Study, known_methods
 from maxcon.lab.study.bench import REFERENCE, Bench
 from maxcon.lab.study.methods import STANDARD
 from maxcon.lab.study.run import check_parts, dataset_parts
+from maxcon.lab.study.table import in_common
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.plotting import plot_epoch
@@ -47,16 +46,16 @@ def pick_epochs(count: MethodRows, helmert: MethodRows) -> dict[str, int]:
     Crossing and street are taken from epochs whose prior is within 1.5 m of the reference, if there are any: their
     peak is not at the border of the search space.
     """
-    epochs = common_epochs({"count": count, "helmert": helmert}, ("count", "helmert"))
-    here = [np.isin(rows.numbers("epoch"), epochs) for rows in (count, helmert)]
-    succeeds = [rows.numbers("is_success")[at] == 1.0 for rows, at in zip((count, helmert), here, strict=True)]
+    count, helmert = in_common({"count": count, "helmert": helmert}).values()
+    epochs = count.numbers("epoch")
+    succeeds = [rows.numbers("is_success") == 1.0 for rows in (count, helmert)]
     is_good, is_lost = succeeds[0] & succeeds[1], ~succeeds[0] & succeeds[1]
     if not is_good.any():
         return {}
-    is_near = is_good & (np.nan_to_num(count.numbers("prior_distance")[here[0]]) <= NEAR)
+    is_near = is_good & (np.nan_to_num(count.numbers("prior_distance")) <= NEAR)
     is_shown = is_near if is_near.any() else is_good
-    distinct = np.nan_to_num(count.numbers("kurtosis")[here[0]])
-    errors = np.where(is_lost, np.nan_to_num(count.numbers("distance")[here[0]]), 0.0)
+    distinct = np.nan_to_num(count.numbers("kurtosis"))
+    errors = np.where(is_lost, np.nan_to_num(count.numbers("distance")), 0.0)
     picked = {
         "crossing": int(epochs[np.argmax(np.where(is_shown, distinct, -1.0))]),
         "street": int(epochs[np.argmin(np.where(is_shown, distinct, np.inf))]),
@@ -64,22 +63,9 @@ def pick_epochs(count: MethodRows, helmert: MethodRows) -> dict[str, int]:
     return picked | ({"count fails": int(epochs[np.argmax(errors)])} if errors.any() else {})
 
 
-# Least distance between the middles of two search spaces on the map over their reach: more than a diagonal.
-SPACES_APART = 3.0
-SHOWN_BECAUSE = {
-    "crossing": "where the count is the most distinct",
-    "street": "where the count is right and the least distinct",
-    "count fails": "where the count is farthest off while Helmert's score is right",
-}
-
-
 @dataclass(frozen=True, eq=False)
 class Scenes:
-    """Epochs of a dataset, searched again for pictures.
-
-    bench, prior, point_map: the dataset, opened; the prior's name; the standard map.
-    method: searches, if no other is named.
-    """
+    """Epochs of a dataset, searched again for pictures, around the prior of that name, by `method` or another."""
 
     bench: Bench
     prior: str
@@ -113,51 +99,18 @@ class Scenes:
             point_map=self.point_map, title=title, reference=self.poses(epoch)[1],
         )  # fmt: skip
 
-    def row(self, label: str, epoch: int, views: Sequence[SearchSpaceView], scan: Scan) -> ComparisonRow:
-        """Return the row of an epoch for a comparison of its search spaces."""
-        return ComparisonRow(label, scan, self.point_map, self.poses(epoch)[1], views)
-
-
-class StudyScenes(Scenes):
-    """Epochs of a study; the method is the study's with Helmert's score, or the user's own, in its search space."""
-
-    def overview(self, path: Path, epoch: int, helmert: MethodRows) -> Picture:
-        """Draw the map, the scan, the consensus set and the search spaces along the drive (the paper's figure 3)."""
-        scan, accumulator, estimate = self.search(epoch)
-        others = [self.search(other)[1:] for other in self._neighbours(epoch, helmert)]
-        plot_overview(
-            path, point_map=self.point_map, scan=scan, estimate=estimate,
-            accumulator=accumulator, objective=self.objective, others=others, title=f"Epoch {epoch} and its neighbours",
-        )  # fmt: skip
-        return Picture.of("overview", path, epoch=epoch, score=title_of(self.objective))
-
-    def headings(self, path: Path, epoch: int) -> Picture:
-        """Draw all headings of an epoch, and its scene."""
-        self.draw_epoch(path, epoch, f"Epoch {epoch}: every heading")
-        return Picture.of("headings", path, score=title_of(self.objective))
-
-    def comparison(self, path: Path, epochs: Mapping[str, int]) -> Picture:
-        """Draw crossing and street, and where the count fails, count beside Helmert (the paper's figure 4)."""
-        rows, words, own = [], [], self.objective
-        objectives = [*(() if isinstance(own, Helmert) else (own,)), Count(), Helmert()]
-        for label, epoch in epochs.items():
-            scan, accumulator, _ = self.search(epoch)
-            views = [SearchSpaceView(accumulator, each) for each in objectives]
-            rows.append(self.row(f"{label}, epoch {epoch}", epoch, views, scan))
-            words.append(f"epoch {epoch}, {SHOWN_BECAUSE[label]}")
-        scores = " beside ".join(title_of(each) for each in objectives)
-        plot_comparison(path, rows, title=scores)
-        return Picture.of("comparison", path, rows="; ".join(words), scores=scores)
-
-    def _neighbours(self, epoch: int, rows: MethodRows) -> list[int]:
-        """Other epochs with an answer whose search spaces can be drawn beside that of this one, the nearest first."""
-        has_both = np.isfinite(rows.numbers("x")) & np.isfinite(rows.numbers("reference_x"))
-        numbers = rows.numbers("epoch")[has_both].astype(int)
-        places = np.array([self.poses(number)[0].position[:2] for number in numbers.tolist()])
-        away, reach = places - self.poses(epoch)[0].position[:2], self.method.space.reach
-        is_inside = np.abs(away).max(axis=1) <= (WINDOW_REACHES - 1.5) * reach
-        order = np.flatnonzero(is_inside)[np.argsort(np.hypot(*away[is_inside].T), kind="stable")]
-        return [int(numbers[order[place]]) for place in spaced_epochs(places[order], SPACES_APART * reach)[1:]]
+    def compare(
+        self, path: Path, epochs: Mapping[str, int], methods: Sequence[tuple[str, MaximumConsensus]], title: str
+    ) -> None:
+        """Draw epochs, by what is special about each, as methods with names see them (the paper's figure 4)."""
+        rows = []
+        for where, epoch in epochs.items():
+            scan, views = Scan(np.empty((0, 3))), []
+            for name, method in methods:
+                scan, accumulator, _ = self.search(epoch, method)
+                views.append(SearchSpaceView(accumulator, method.cell_search.objective, name))
+            rows.append(ComparisonRow(f"epoch {epoch}, {where}", scan, self.point_map, self.poses(epoch)[1], views))
+        plot_comparison(path, rows, title=title)
 
 
 def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) -> SearchSpace | None:
@@ -171,14 +124,10 @@ def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) 
 
 def open_scenes(
     study: Study, dataset: str | os.PathLike[str] | None, prior: str, notes: list[str], own: Objective | None = None
-) -> StudyScenes | None:
-    """Open the dataset of a study for its scenes; None, and a note, if it is missing or not the one studied.
+) -> Scenes | None:
+    """Open the dataset of a study, where it is now or, if None, was; None, and a note, if it is not the one studied.
 
-    study: what was run.
-    dataset: where the dataset is now; where it was if None.
-    prior: name of the prior of the pictures.
-    notes: what cannot be shown, and why, is added.
-    own: a user's objective, drawn beside ours.
+    `own` is a user's objective, drawn beside ours.
     """
     configuration, names = study.configuration, (HELMERT, "helmert-occupied")
     name = next((name for name in names[:: 1 if own is None else -1] if name in configuration.methods), None)
@@ -204,13 +153,11 @@ def open_scenes(
         return None
     multiplicity = name.partition("-")[2]
     method = cast(MaximumConsensus, known_methods(space)[f"helmert-{multiplicity}"].method)
-    return StudyScenes(bench, prior, bench.maps[STANDARD], method if own is None else replace(method, objective=own))
+    return Scenes(bench, prior, bench.maps[STANDARD], method if own is None else replace(method, objective=own))
 
 
-def draw_scenes(
-    folder: Path, scenes: StudyScenes, methods: Mapping[str, MethodRows], notes: list[str]
-) -> list[Picture]:
-    """Draw overview, headings and comparison into a folder; what cannot be shown, and why, is added to the notes."""
+def draw_scenes(folder: Path, scenes: Scenes, methods: Mapping[str, MethodRows], notes: list[str]) -> list[Picture]:
+    """Draw headings and comparison into a folder; what cannot be shown, and why, is added to the notes."""
     multiplicity = scenes.method.multiplicity
     helmert, count = (methods.get(f"{name}-{multiplicity}") for name in ("helmert", "count"))
     names = (f"count-{multiplicity}", f"helmert-{multiplicity}")
@@ -222,12 +169,19 @@ def draw_scenes(
     if not epochs:
         notes.append(f"No scenes: no epoch where both {names[0]} and {names[1]} succeed.")
         return []
+    own, because = scenes.objective, page_words()["comparison"]
+    objectives = [*(() if isinstance(own, Helmert) else (own,)), Count(), Helmert()]
+    compared = [(title_of(each), replace(scenes.method, objective=each)) for each in objectives]
+    scores = " beside ".join(name for name, _ in compared)
+    rows = "; ".join(f"epoch {epoch}, {because[label]}" for label, epoch in epochs.items())
+    headings, comparison, crossing = folder / "headings.svg", folder / "comparison.svg", epochs["crossing"]
     try:
-        return [
-            scenes.overview(folder / "scene.svg", epochs["street"], helmert),
-            scenes.headings(folder / "headings.svg", epochs["crossing"]),
-            scenes.comparison(folder / "comparison.svg", epochs),
-        ]
+        scenes.draw_epoch(headings, crossing, f"Epoch {crossing}: every heading")
+        scenes.compare(comparison, epochs, compared, scores)
     except MaxconError as error:
         notes.append(f"Scenes are missing: {error}")
         return []
+    return [
+        Picture.of("headings", headings, score=title_of(own)),
+        Picture.of("comparison", comparison, rows=rows, scores=scores),
+    ]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """The paper's claims against small tables made by hand."""
 
-from maxcon.lab.paper.claims import Verdict, paper_claims
+from maxcon.lab.report.claims import Verdict, paper_claims
 from study_tables import rows_of
 
 PLAIN = {

@@ -1,23 +1,25 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Charts of several methods: how each is drawn, their legend, and axes with grids and round numbers."""
+"""Charts of several methods: how each is drawn, legends, grids, round numbers; the distributions of their errors."""
 
 import math
-import os
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from maxcon.lab.evaluation import SUCCESS_DISTANCE
+from maxcon.lab.report import Picture
 from maxcon.plotting.figure import INK, MUTED, SERIES, saved_figure
-from maxcon.plotting.score_panel import SearchSpaceView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
+Floats = NDArray[np.float64]
 GRID = "#dfe2e8"
 DASHES = (0, (5, 3))  # dashes of a line that marks a limit
 
@@ -64,17 +66,6 @@ def draw_legend(figure: "Figure", handles: Sequence[Any], labels: Sequence[str],
     return legend
 
 
-@contextmanager
-def method_chart(
-    path: str | os.PathLike[str], labels: Sequence[str], titles: tuple[str, str]
-) -> Iterator[tuple["Axes", list[Any]]]:
-    """Yield axes in a figure with a legend of methods below, and a list for the legend's handles."""
-    with saved_figure(path, 9.2, 6.4, *titles) as figure:
-        handles: list[Any] = []
-        yield figure.subplots(), handles
-        draw_legend(figure, handles, labels)
-
-
 def draw_number_ticks(axis: Any, low: float, high: float, least: float = 0.0) -> None:
     """Write 1, 2 and 5 times the powers of ten on a logarithmic axis; fewer over more than 3 decades.
 
@@ -92,13 +83,49 @@ def draw_number_ticks(axis: Any, low: float, high: float, least: float = 0.0) ->
     axis.set_minor_formatter(NullFormatter())
 
 
-def scale_words(views: Iterable[SearchSpaceView]) -> str:
-    """Return the label of a colour scale from 0 to 1 that search spaces share, each from 0 to its own highest score."""
-    if any(view.limits[0] < 0.0 for view in views):
-        return "score, from the lowest (0) to the highest (1) of the square"
-    return "score, over the highest of the square"
+# The axis of distributions, m: a centimetre is below any reference's accuracy, ten metres beyond any search space.
+LEAST, MOST = 0.01, 10.0
 
 
-def offset_words(offset: float) -> str:
-    """Return an offset (m) to the centimetre, with a minus that is as wide as a digit, and none before 0."""
-    return f"{round(offset, 2) + 0.0:.2f}".replace("-", "−")
+def plot_error_distributions(path: Path, errors_by_method: Mapping[str, Floats]) -> Picture:
+    """Draw the cumulative distribution of each method's horizontal errors over all epochs.
+
+    errors_by_method: shape (n,); distance to the reference, m, by the method's name, at most 8, all of the same epochs;
+        NaN without an answer: such an epoch is within no error, the curve ends below 100 %.
+    """
+    n_epochs = len(next(iter(errors_by_method.values())))
+    words = (
+        f"Epochs: {n_epochs}, those without an answer too. Dashed: success, {SUCCESS_DISTANCE:g} m."
+        " Below: shares within it."
+    )
+    labels = [_distribution_label(name, values) for name, values in errors_by_method.items()]
+    with saved_figure(path, 9.2, 6.4, "How many epochs stay within which error", words) as figure:
+        axes, handles = figure.subplots(), []
+        for number, (style, errors) in enumerate(zip(METHOD_STYLES, errors_by_method.values(), strict=False)):
+            limits = np.unique([LEAST, *errors[(errors > LEAST) & (errors < MOST)], MOST])
+            handles += axes.plot(
+                limits, percents_within(errors, limits), color=style.color, ls=style.line, lw=1.9, marker=style.marker,
+                ms=6.5, mec="white", mew=0.7, markevery=(0.03 + 0.012 * number, 0.13), drawstyle="steps-post",
+                clip_on=False, zorder=3,
+            )  # fmt: skip
+        axes.set(xscale="log", xlim=(LEAST, MOST), ylim=(0.0, 102.0))
+        draw_number_ticks(axes.xaxis, LEAST, MOST)
+        axes.set_xlabel("horizontal error [m]")
+        axes.set_ylabel("share of all epochs with at most this error [%]")
+        axes.axvline(SUCCESS_DISTANCE, color=INK, lw=1.1, ls=DASHES, zorder=2)
+        draw_grid(axes, which="major")
+        draw_legend(figure, handles, labels)
+    return Picture.of("errors", Path(path))
+
+
+def percents_within(errors: Floats, limits: Floats) -> Floats:
+    """Percentage of all epochs with at most these errors, shape (m,), for limits (m,); NaN is within none."""
+    known = np.sort(errors[~np.isnan(errors)])
+    return np.asarray(100.0 * np.searchsorted(known, limits, side="right") / len(errors), dtype=np.float64)
+
+
+def _distribution_label(name: str, errors: Floats) -> str:
+    """Return the legend of a method: its epochs within the limit of success, and those without an answer."""
+    percent = float(percents_within(errors, np.array([SUCCESS_DISTANCE]))[0])
+    n_missing = int(np.isnan(errors).sum())
+    return f"{name}: {percent:.1f} %" + (f", {n_missing} without an answer" if n_missing else "")

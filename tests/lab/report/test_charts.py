@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-import maxcon
-from drawn_figures import BelowZero, parts
-from maxcon.lab.charts import METHOD_STYLES, draw_legend, draw_number_ticks, offset_words, scale_words
+from maxcon.lab.report.charts import METHOD_STYLES, draw_legend, draw_number_ticks
 from maxcon.plotting.figure import saved_figure
-from maxcon.plotting.score_panel import SearchSpaceView
 
 
 @pytest.mark.parametrize("field", ["color", "line", "marker", "hatch"])
@@ -39,12 +36,3 @@ def test_ticks_are_round_numbers(tmp_path, low, high, expected):
         axes.set_xlim(low, high)
         draw_number_ticks(axes.xaxis, low, high, least=0.01)
         assert [label.get_text() for label in axes.get_xticklabels()] == expected
-
-
-def test_offsets_and_scales_are_put_in_words():
-    given = [-0.9, 2.824, -0.004, 0.0, -2.816]
-    assert [offset_words(offset) for offset in given] == ["−0.90", "2.82", "0.00", "0.00", "−2.82"]
-    accumulator = parts()["accumulator"]
-    views = [SearchSpaceView(accumulator, maxcon.Helmert()), SearchSpaceView(accumulator, maxcon.Count())]
-    assert scale_words(views) == "score, over the highest of the square"
-    assert "from the lowest (0)" in scale_words([*views, SearchSpaceView(accumulator, BelowZero())])
