@@ -46,7 +46,7 @@ LOOK_EVERY = 0.005  # s between looks at whether a scan has waited long enough
 METRES_AHEAD, EVERY_METRES = (50.0, 100.0, 150.0), 5.0
 # At first an answer that comes later, s, is a rehearsal, in which code and tiles are loaded: it is not given. So many
 # are at most.
-IN_TIME, MOST_REHEARSALS = 0.08, 30
+IN_TIME, MOST_REHEARSALS = 0.08, 10
 LONGEST_WAIT = 0.06  # s; scans that wait longer, and longer than the delay, are dropped: the next one is nearer to now
 
 
