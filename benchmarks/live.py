@@ -210,6 +210,8 @@ def main():
 def report(player, memory, starts):
     answered = {stamp: player.poses.get(stamp, told) for stamp, told in player.told.items() if stamp in player.sent}
     latencies = {stamp: 1e3 * (at - player.due[stamp]) for stamp, (at, _) in answered.items()}
+    if not latencies:
+        raise SystemExit(f"no scan was answered; the last said: {player.last}")
     latency = np.array(list(latencies.values()))
     found = {stamp: pose for stamp, (_, pose) in player.poses.items() if stamp in player.sent}
     errors = [pose_error(pose, player.truth[player.epoch(player.sent[stamp])]) for stamp, pose in found.items()]
