@@ -13,6 +13,7 @@ from court_drive import CELL, COURT, FRAME, N_SCANS, prior_of, seen, truth, wall
 import written_maps
 from maxcon import LiveLocalizer, LiveOptions, MaximumConsensus, PointMap, Pose, SearchSpace, Status, Trajectory
 from maxcon.drive.localize import track_drive
+from maxcon.drive.motion import Motion
 from maxcon.drive.tracker import Tracker
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.io.point_records import CloudPoints
@@ -378,6 +379,9 @@ def test_what_may_be_done_after_an_answer_is_done_then(town):
     assert is_localized[2:] == [True] * 12
     assert walk.live._tracker.put_off is not None
     assert max(answer.effort.half_width for answer in answers[3:]) < 1.0
+    walk.live._tracker.move(Motion.none())
+    assert walk.live._tracker.put_off is None  # the scan is not of this place any more
+    walk.go(walk.on(town, 16), 1)
     walk.live._work_off()
     assert walk.live._tracker.searched > 1.0
     assert walk.live._tracker.put_off is None

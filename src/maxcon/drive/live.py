@@ -127,10 +127,9 @@ class LiveLocalizer:
         self._n_restarts = 0
         self._correction: Pose | None = None
         self._place: tuple[float, float] | None = None  # of the last answer, local frame, m
-        self._search: Callable[[], EpochEstimate] | None = (
-            None  # of the last scan, without a prior, if that was put off
-        )
-        self._search_words = ""  # of the last such search
+        # Of the last scan without a prior, if that was put off; and the words of the last such search
+        self._search: Callable[[], EpochEstimate] | None = None
+        self._search_words = ""
         self._last_position = -math.inf  # time of the last one that was compared with a pose, s
         self._begin()
 

@@ -118,6 +118,7 @@ class Tracker:
 
     def move(self, motion: Motion) -> None:
         """Take account of a motion since the last scan; several in a row are one."""
+        self.put_off, self.searched = None, 0.0
         is_gap = motion.distance > self.options.patience
         self._hypotheses = [
             replace(each.moved(motion), agreement=0.0 if is_gap else each.agreement) for each in self._hypotheses
@@ -140,7 +141,6 @@ class Tracker:
             The pose is the filter's, with its covariance; `runner_up` is the evidence of the second hypothesis over
             that of the first. None where there is neither a track nor a prior.
         """
-        self.searched = 0.0
         hypotheses, is_new = self._widely(scan, point_map, prior)
         compared = [self._followed(each, scan, point_map, prior) for each in hypotheses]
         weighted = weighed(compared, math.inf if is_new else self._way)
@@ -148,7 +148,6 @@ class Tracker:
         self._way = 0.0
         if prior is None or (self.prediction is not None and self._is_inside(self.prediction.pose, prior)):
             self._outside = 0.0
-        self.put_off = None
         if self._hypotheses and self._unchecked >= self.options.check_distance:
             self.put_off = partial(self._check, scan, point_map, prior)
             if not self.puts_off or self._unchecked >= 2.0 * self.options.check_distance:
