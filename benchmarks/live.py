@@ -8,7 +8,8 @@ The DATASET, with odometry and a prior, has 10 scans per second (`maxcon simulat
 played to its end, then backwards, and so on. This process plays, the node is another. Odometry goes out 50 times a
 second, a position (of the prior) once a second. A fraction `--disturb` of the scans is lost, as much comes 0.15 to
 0.3 s late, and as much twice; of the odometry likewise, but 0.03 s late. `--restart` kills the node after so many
-seconds, and starts it again. A latency ends when the pose (of scans without one: the diagnostics) is here again.
+seconds, and starts it again. A latency begins with the stamp (of scans that are sent late: when they are due), and ends
+when the pose (of scans without one: the diagnostics) is here again. Of each late answer it is said what it did.
 """
 
 import argparse
@@ -81,7 +82,7 @@ class Player:
         self.truth = [point_map.frame.pose_to_local(self.reference.at(at)) for at in times]
         self.places = GeographicFrame(point_map.frame.crs).to_geographic(prior.positions).tolist()
         self.wire = Ros2Wire(domain)
-        self.sent, self.poses, self.told, self.last = {}, {}, {}, {}
+        self.sent, self.due, self.gone, self.poses, self.told, self.last = {}, {}, {}, {}, {}, {}
         self.wire.subscribe("/maxcon/pose", POSE, self.take_pose)
         self.wire.subscribe("/diagnostics", DIAGNOSTICS, self.take_diagnostics)
         self.to_scans, self.to_odometry = self.wire.publisher("/points", CLOUD), self.wire.publisher("/odom", ODOMETRY)
@@ -95,6 +96,7 @@ class Player:
     def cloud(self, number, stamp):
         """Send a scan."""
         points = self.scans.read(self.epoch(number), 0.0, np.inf).points
+        self.gone.setdefault(round(1e3 * stamp), time.time())
         self.to_scans({"header": header_of(stamp, "lidar"), **cloud_content(dict(zip("xyz", points.T, strict=True)))})
 
     def pose(self, number, stamp):
@@ -124,7 +126,8 @@ class Player:
         """Keep what is said of a scan, and when it came."""
         (status,) = message.status
         self.last = {pair.key: pair.value for pair in status.values}
-        words = f"{self.last['localizer_ms']} ms in the localizer, {status.message}"
+        words = "{localizer_ms} ms in the localizer, {processor_ms} of the processor, {n_tiles} tiles loaded, searched"
+        words = f"{words} {{half_width}} m around, ".format(**self.last) + status.message
         self.told.setdefault(stamp_in_ms(message), (time.time(), words))
 
     def events(self, n_scans, start, disturb, rng):
@@ -139,8 +142,9 @@ class Player:
             stamp = start + number * PERIOD
             kind = rng.random() / disturb if disturb else np.inf
             if kind >= 1.0:
-                yield stamp + rng.uniform(0.15, 0.3) * (kind < 2.0), next(order), self.cloud, number, stamp
-                self.sent[round(1e3 * stamp)] = number
+                due = stamp + rng.uniform(0.15, 0.3) * (kind < 2.0)
+                yield due, next(order), self.cloud, number, stamp
+                self.sent[round(1e3 * stamp)], self.due[round(1e3 * stamp)] = number, due
             if 2.0 <= kind < 3.0:
                 yield stamp + 0.02, next(order), self.cloud, number, stamp
             if number % FIX_EVERY == 0:
@@ -205,14 +209,17 @@ def main():
 
 def report(player, memory, starts):
     answered = {stamp: player.poses.get(stamp, told) for stamp, told in player.told.items() if stamp in player.sent}
-    latency = np.array([1e3 * at - stamp for stamp, (at, _) in answered.items()])
+    latencies = {stamp: 1e3 * (at - player.due[stamp]) for stamp, (at, _) in answered.items()}
+    if not latencies:
+        raise SystemExit(f"no scan was answered; the last said: {player.last}")
+    latency = np.array(list(latencies.values()))
     found = {stamp: pose for stamp, (_, pose) in player.poses.items() if stamp in player.sent}
     errors = [pose_error(pose, player.truth[player.epoch(player.sent[stamp])]) for stamp, pose in found.items()]
     median, almost, worst = np.quantile(latency, [0.5, 0.99, 1.0])
     counts = ", ".join(
         f"{name[2:]} {player.last[name]}" for name in ("n_answered", "n_dropped", "n_late", "n_duplicates")
     )
-    late = {stamp for stamp, (at, _) in answered.items() if 1e3 * at - stamp > 1e3 * LATE}
+    late = {stamp for stamp, ms in latencies.items() if ms > 1e3 * LATE}
     n_starting = sum(any(0 <= stamp / 1e3 - start < STARTING for start in starts) for stamp in late)
     print("| sent | answered | localized | right | wrong, localized | ms: median / 99 % / worst | over 100 ms |")
     print("|---|---|---|---|---|---|---|")
@@ -223,11 +230,16 @@ def report(player, memory, starts):
     )
     print(f"\n- the node itself counts: {counts}")
     print(f"- MiB, each 30 s and at the end: {', '.join(f'{each:.0f}' for each in memory)}")
-    others = [words.partition(", ")[2] for stamp, (_, words) in player.told.items() if stamp not in player.poses]
+    others = [
+        words.partition(" m around, ")[2] for stamp, (_, words) in player.told.items() if stamp not in player.poses
+    ]
     for words in sorted(set(others))[:12]:
         print(f"- {others.count(words)} x {words}")
     for stamp in sorted(late):
-        print(f"- {1e3 * answered[stamp][0] - stamp:.0f} ms: scan {player.sent[stamp]}, {player.told[stamp][1]}")
+        sent = (
+            f"scan {player.sent[stamp]}, sent {1e3 * (player.gone[stamp] - player.due[stamp]):.0f} ms after it was due"
+        )
+        print(f"- {latencies[stamp]:.0f} ms: {sent}, {player.told[stamp][1]}")
     for start in starts:
         after = min((at for stamp, (at, _) in player.poses.items() if stamp > 1e3 * start), default=np.inf)
         print(f"- {after - start:.1f} s from the start to the first pose")

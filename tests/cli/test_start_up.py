@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """What is loaded at the start, help, version, and mistyped commands."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -45,6 +46,12 @@ def test_every_command_has_help_and_the_program_lists_them(maxcon):
         assert (ended.code, ended.err) == (0, "")
         assert f"maxcon {command}" in ended.out and "Traceback" not in ended.out
         assert f"\n  {command.split()[0]} " in said
+
+
+def test_commands_are_completed_in_a_shell():
+    asked = os.environ | {"_MAXCON_COMPLETE": "complete_bash", "COMP_WORDS": "maxcon reloc", "COMP_CWORD": "1"}
+    command = Path(sys.executable).parent / "maxcon"
+    assert subprocess.run([command], env=asked, capture_output=True, text=True).stdout == "relocalize\n"
 
 
 GROUPED = ("localize", "relocalize", "study", "map build", "map align")

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from court_drive import CELL, COURT, FRAME, N_SCANS, prior_of, seen, truth, walls
 
-from maxcon import LiveLocalizer, LiveOptions, MaximumConsensus, Pose, SearchSpace, Status, Trajectory
+import written_maps
+from maxcon import LiveLocalizer, LiveOptions, MaximumConsensus, PointMap, Pose, SearchSpace, Status, Trajectory
 from maxcon.drive.localize import track_drive
+from maxcon.drive.motion import Motion
 from maxcon.drive.tracker import Tracker
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.io.point_records import CloudPoints, PointTimes
@@ -227,19 +229,45 @@ def test_messages_that_make_no_sense_are_refused(live):
         LiveOptions(delay=-1.0)
 
 
-def test_a_thread_answers_what_comes(live):
+def answered_by_a_thread(live, monkeypatch, *, in_time, at_first=0):
+    """Answers for three scans, each given when the one before has an answer, or is dropped as one of the first."""
+    monkeypatch.setattr("maxcon.drive.live.IN_TIME", in_time)
+    monkeypatch.setattr("maxcon.drive.live.LONGEST_WAIT", math.inf)
+    monkeypatch.setattr("maxcon.drive.live.MOST_REHEARSALS", at_first)
     told = []
     give_priors(live, range(3))
     with live.working(told.append):
         for epoch in range(3):
             give(live, epoch, None)
             deadline = time.monotonic() + 60.0
-            while len(told) <= epoch and time.monotonic() < deadline:
+            while sum(live._inbox.counts[:2]) <= epoch + (len(told) < epoch + 1 - at_first):
+                assert time.monotonic() < deadline
                 time.sleep(0.01)
+    return told
+
+
+def test_a_thread_answers_what_comes(live, monkeypatch):
+    told = answered_by_a_thread(live, monkeypatch, in_time=math.inf)
     assert [answer.epoch.raw.time for answer in told] == TIMES[:3]
 
 
-def test_the_thread_ends_though_scans_keep_coming(live):
+def test_at_first_answers_that_come_late_are_counted_as_dropped(live, monkeypatch):
+    told = answered_by_a_thread(live, monkeypatch, in_time=-1.0, at_first=2)
+    assert [(answer.epoch.raw.time, answer.counts[:2]) for answer in told] == [(TIMES[2], (1, 2))]
+
+
+def test_what_has_waited_for_long_is_dropped(live):
+    for epoch, came in enumerate((0.0, 1.0, 2.0)):
+        give(live, epoch, came)
+    live._inbox.drop_before(1.5)
+    assert [answer.epoch.raw.time for answer in live.answers(9.0)] == TIMES[2:3]
+    assert live._inbox.counts[:2] == (1, 2)
+
+
+def test_the_thread_ends_though_scans_keep_coming(live, monkeypatch):
+    monkeypatch.setattr("maxcon.drive.live.LONGEST_WAIT", math.inf)
+    monkeypatch.setattr("maxcon.drive.live.IN_TIME", math.inf)
+
     def tell(answer):
         live.add_scan(answer.epoch.raw.time + 0.1, np.empty((0, 3)), now=-1.0)
 
@@ -247,6 +275,26 @@ def test_the_thread_ends_though_scans_keep_coming(live):
         live.add_scan(0.0, np.empty((0, 3)), now=-1.0)
         while live._inbox.counts.n_answered < 3:
             time.sleep(0.01)
+
+
+def test_answers_in_a_map_that_was_loaded_ahead_load_no_tile(town, tmp_path):
+    written_maps.write(tmp_path / "town.map", town.map, origin=town.map.frame.origin)
+    n_tiles = {}
+    for is_ahead in (False, True):
+        live = LiveLocalizer(PointMap.open(tmp_path / "town.map"), options=LiveOptions(queue=3))
+        for number in range(3):
+            pose = town.pose(-12.0, 12.0 + 0.3 * number, 0.4)
+            live.add_prior(0.1 * number, pose)
+            live.add_scan(0.1 * number, town.scan(pose, number).points, now=0.0)
+        if is_ahead:
+            for place in live._places():
+                live._load_around(*place, 150.0)
+        answers = list(live.answers(1.0))
+        assert answers[-1].epoch.status is Status.LOCALIZED
+        assert [answer.effort.half_width > 1.0 for answer in answers] == [True, False, False]
+        n_tiles[is_ahead] = [answer.effort.n_tiles for answer in answers]
+    assert n_tiles[True] == [0] * 3
+    assert n_tiles[False][0] > 4
 
 
 # --- lost, and found again ------------------------------------------------------------------------------------
@@ -316,6 +364,26 @@ def test_around_a_position_it_is_found_and_by_positions_doubted(town):
     assert is_localized == [True, False, False]
     assert (answers[-1].epoch.status, answers[-1].epoch.pose_global) == (Status.LOST, None)
     assert answers[-1].epoch.reason == "3 positions in a row speak against it"
+
+
+def test_what_may_be_done_after_an_answer_is_done_then(town):
+    walk = Walk(town)
+    walk.live._puts_off = walk.live._tracker.puts_off = True
+    _, answers = walk.go(HERE, 2)
+    assert [answer.epoch.status for answer in answers] == [Status.NO_PRIOR] * 2
+    assert "whole map" not in answers[-1].epoch.reason
+    walk.live._work_off()
+    is_localized, answers = walk.go(walk.on(town, 2), 14)
+    assert "found in the whole map" in answers[0].epoch.reason
+    assert is_localized[2:] == [True] * 12
+    assert walk.live._tracker.put_off is not None
+    assert max(answer.effort.half_width for answer in answers[3:]) < 1.0
+    walk.live._tracker.move(Motion.none())
+    assert walk.live._tracker.put_off is None  # the scan is not of this place any more
+    walk.go(walk.on(town, 16), 1)
+    walk.live._work_off()
+    assert walk.live._tracker.searched > 1.0
+    assert walk.live._tracker.put_off is None
 
 
 def test_where_a_position_is_off_the_map_it_is_said(town):

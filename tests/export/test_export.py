@@ -39,7 +39,7 @@ def rows_of_a_drive():
             row |= {name: getattr(pose, name) for name in ("x", "y", "z", "roll", "pitch", "heading")}
             row |= {name: 0.0001 if name[4:5] == name[-1:] else 0.0 for name in COVARIANCES}
             row |= {"status": "localized", "score": 12.5, "cov_heading_heading": 1e-06}
-            row |= {"protection_along": 0.05, "reason": ""}
+            row |= {"protection_along": 0.05, "reason": "", "shift_x": 1.0, "shift_y": -2.0}
         yield row
 
 
@@ -137,6 +137,12 @@ def test_geopackage(table, tmp_path):
     assert np.isnan(named["heading_deg"][1])
     assert points[1] is None
     np.testing.assert_array_equal(np.frombuffer(points[0], "<f8", 3, 5), POSES[0].position)
+    _, _, lines, _ = raw.read(tmp_path / "a.gpkg", layer="priors")
+    prior, answer = np.frombuffer(lines[0], "<f8", 4, 9).reshape(2, 2)
+    np.testing.assert_allclose(answer - prior, [1.0, -2.0])
+    _, _, ellipses, _ = raw.read(tmp_path / "a.gpkg", layer="ellipses")
+    around = np.frombuffer(ellipses[1], "<f8", 130, 13).reshape(65, 2) - POSES[2].position[:2]
+    np.testing.assert_allclose(np.hypot(*around.T), math.sqrt(5.991) * 0.01, rtol=1e-3)
 
 
 def test_kml(table, tmp_path):

@@ -99,7 +99,7 @@ def info(
 
 app = typer.Typer(
     name="maxcon", help="Maximum-consensus localization of LiDAR scans in a point-cloud map.", no_args_is_help=True,
-    add_completion=False, context_settings={"help_option_names": ["-h", "--help"]}, rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]}, rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )  # fmt: skip
 app.add_typer(maps.app, name="map")

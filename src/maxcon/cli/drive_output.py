@@ -298,7 +298,10 @@ def _print_accuracy(found: dict[str, Any]) -> None:
 def print_alternative(drive: OpenedDrive, epochs: list[EpochEstimate]) -> None:
     """Say how high the prior lies above the ground, and what it or scans would have to mean to fit better."""
     priors = np.array([epoch.prior.position for epoch in epochs if epoch.prior is not None]).reshape(-1, 3)
-    fits = alternative_that_fits(drive.point_map, drive.scans, epochs, drive.searching, drive.opener.drive)
+    fits = alternative_that_fits(
+        drive.point_map, drive.scans, epochs, drive.searching, drive.opener.drive,
+        has_angles=drive.entry.prior is not None and drive.entry.prior.suffix.lower() == ".csv",
+    )  # fmt: skip
     for words in filter(None, (heights_in_words(above_ground(drive.point_map, priors)), fits)):
         typer.echo(words)
 

@@ -135,7 +135,8 @@ class Ros2Node:
             content = {"header": header, "child_frame_id": self._odom_frame, "transform": transform}
             self._publish_transforms({"transforms": [content]})
         latency = {"latency_ms": f"{1e3 * (clock.time() - time):.1f}", "localizer_ms": f"{epoch.milliseconds:.1f}"}
-        values = {**latency, **answer.counts._asdict(), **self._frame_words}
+        effort = {name: f"{value:.4g}" for name, value in answer.effort._asdict().items()}
+        values = {**latency, **effort, **answer.counts._asdict(), **self._frame_words}
         status = {
             "level": ERROR if epoch.pose_global is None else WARN if epoch.reason else OK,
             "name": "maxcon: localization",

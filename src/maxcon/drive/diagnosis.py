@@ -84,6 +84,7 @@ class Alternative:
     prior: Callable[[Pose], Pose] = lambda prior: prior  # the prior, local frame, if it is meant so
     # Of the scan, sensor frame, from those that were read, the prior and the origin of the map's local frame
     points: Callable[[Points, Pose, Points], Points] = lambda points, prior, origin: points
+    needs_angles: bool = False  # whether it is one of priors that are read as angles, not as quaternions
 
 
 def _scalar_first(prior: Pose) -> Pose:
@@ -94,7 +95,9 @@ def _scalar_first(prior: Pose) -> Pose:
 
 def _angles_in(unit: str, factor: float) -> Alternative:
     words = f"the angles of the prior in {unit}"
-    return Alternative(words, lambda prior: Pose(*prior.position.tolist(), *(factor * prior.values[3:]).tolist()))
+    return Alternative(
+        words, lambda prior: Pose(*prior.position.tolist(), *(factor * prior.values[3:]).tolist()), needs_angles=True
+    )
 
 
 def _turn(words: str, roll_deg: float, heading_deg: float) -> Alternative:
@@ -144,11 +147,14 @@ ALTERNATIVES = (
 
 
 def alternative_that_fits(
-    point_map: PointMap, scans: Scans, epochs: Sequence[EpochEstimate], method: Method, options: DriveOptions
-) -> str:
+    point_map: PointMap, scans: Scans, epochs: Sequence[EpochEstimate], method: Method, options: DriveOptions,
+    *, has_angles: bool = True,
+) -> str:  # fmt: skip
     """Return in words which alternative all epochs that are tried fit clearly better; empty if there is none to try.
 
     Where nearly all are localized only mirrored scans are tried, which fit streets that are alike on both sides.
+
+    has_angles: whether the priors may have been read as angles.
     """
     searched = [epoch for epoch in epochs if epoch.prior and epoch.status not in WITHOUT_SEARCH]
     n_localized = sum(epoch.pose_global is not None for epoch in epochs)
@@ -161,7 +167,8 @@ def alternative_that_fits(
     are_fine = n_localized >= FEW_REFUSED * len(epochs)
     scores: dict[str, float] = {}
     off = above_ground(point_map, np.array([epoch.prior.position for epoch, _ in tried if epoch.prior])) - USUAL
-    for alternative in (MIRRORED,) if are_fine else (*ALTERNATIVES, *([_lower(off)] if abs(off) > FAR_OFF else ())):
+    alternatives = [each for each in ALTERNATIVES if has_angles or not each.needs_angles]
+    for alternative in (MIRRORED,) if are_fine else (*alternatives, *([_lower(off)] if abs(off) > FAR_OFF else ())):
         found = [_score(alternative, epoch, raw, point_map, method, options) for epoch, raw in tried]
         own = [epoch.estimate.score if epoch.estimate and epoch.pose_global else 0.0 for epoch, _ in tried]
         are_higher = all(score > before for score, before in zip(found, own, strict=True))

@@ -10,6 +10,8 @@ import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +28,7 @@ from maxcon.geometry.arrays import as_points
 from maxcon.io.raw_scan import RawScan
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
+from maxcon.map.tile import n_waited_for
 from maxcon.relocalization import Relocalizer
 from maxcon.scan.deskew import deskew
 from maxcon.scan.trajectory import Trajectory
@@ -39,7 +42,25 @@ FEWEST_OFF = 2  # positions in a row that are believed against a track
 START = np.diag(np.square([0.1, 0.1, 1.0, *np.radians([1.0, 1.0, 0.5])]))
 LARGEST = 1e12  # s, or m: a larger number is none of a vehicle, and squares of it leave the range of floats
 LOOK_EVERY = 0.005  # s between looks at whether a scan has waited long enough
-METRES_AHEAD = 150.0  # tiles are read before they are needed, m around the vehicle
+# The map is loaded before it is needed, within so many metres one after the other, once the vehicle is so much farther.
+METRES_AHEAD, EVERY_METRES = (50.0, 100.0, 150.0), 5.0
+# At first an answer that comes later, s, is a rehearsal, in which code and tiles are loaded: it is not given. So many
+# are at most.
+IN_TIME, MOST_REHEARSALS = 0.08, 10
+LONGEST_WAIT = 0.06  # s; scans that wait longer, and longer than the delay, are dropped: the next one is nearer to now
+
+
+class Effort(NamedTuple):
+    """What an answer took.
+
+    - processor_ms: processor time of its thread: less than `epoch.milliseconds` where others had the processor.
+    - n_tiles: tiles that were not there yet, so that it had to load them.
+    - half_width: within which the scan was searched around its prediction or prior, m.
+    """
+
+    processor_ms: float
+    n_tiles: int
+    half_width: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,11 +70,13 @@ class LiveAnswer:
     - epoch: pose, covariance, status and reason, as of a drive; its number counts the answers.
     - T_map_odom: correction of the odometry, local frame, by the last scan that was localized; None before.
     - counts: of scans so far.
+    - effort: what it took.
     """
 
     epoch: EpochEstimate
     T_map_odom: Pose | None
     counts: LiveCounts
+    effort: Effort
 
 
 class _Around(NamedTuple):
@@ -100,15 +123,19 @@ class LiveLocalizer:
         n_threads = self._method.n_threads
         self._relocalizer = Relocalizer(point_map, n_threads=n_threads) if point_map.has_ground else None
         self._inbox = LiveInbox(self.options)
+        self._puts_off = False  # whether answers come before what may as well be done after them
         self._n_restarts = 0
         self._correction: Pose | None = None
-        self._tiles_read: set[tuple[float, tuple[int, int]]] = set()  # ahead, by cell and key
+        self._place: tuple[float, float] | None = None  # of the last answer, local frame, m
+        # Of the last scan without a prior, if that was put off; and the words of the last such search
+        self._search: Callable[[], EpochEstimate] | None = None
+        self._search_words = ""
         self._last_position = -math.inf  # time of the last one that was compared with a pose, s
         self._begin()
 
     def _begin(self, start: UncertainPose | None = None) -> None:
         """Begin a track."""
-        self._tracker = Tracker(self._method, self._noise, start=start)
+        self._tracker = Tracker(self._method, self._noise, start=start, puts_off=self._puts_off)
         # Time and pose of the last scan whose motion was known, and whether by odometry.
         self._before: tuple[float, Pose, bool] | None = None
         self._n_without, self._n_off = 1, 0  # scans in a row without a place, positions in a row that are off
@@ -174,38 +201,77 @@ class LiveLocalizer:
 
     @contextmanager
     def working(self, tell: Callable[[LiveAnswer], None]) -> Iterator[threading.Thread]:
-        """While this is open, a thread calls `tell` with each answer; it ends where that raises something."""
+        """While this is open, a thread calls `tell` with each answer; it ends where that raises something.
+
+        Another thread loads the map around. At first, until code and map are in memory, answers that would come late
+        are dropped, as are scans that wait longer than 0.06 s and the delay. What an answer does not need is done
+        after it: a scan without a place is searched for while none waits, and the next one tells what was found.
+        """
         ended = threading.Event()
-
-        def work() -> None:
-            place: Pose | None = None
-            while not ended.is_set():
-                if (answer := self.answer()) is not None:
-                    tell(answer)
-                    place = place if answer.epoch.estimate is None else answer.epoch.estimate.pose
-                    continue
-                if place is not None:
-                    self._read_ahead(place)
-                with self._inbox.changed:
-                    self._inbox.changed.wait(LOOK_EVERY)
-
-        thread = threading.Thread(target=work, name="live", daemon=True)
-        thread.start()
+        jobs = (self._work, tell, ended), (self._load_ahead, ended)
+        threads = [threading.Thread(target=job, args=args, name="live", daemon=True) for job, *args in jobs]
+        self._puts_off = self._tracker.puts_off = True
+        for thread in threads:
+            thread.start()
         try:
-            yield thread
+            yield threads[0]
         finally:
             ended.set()
-            thread.join()
+            for thread in threads:
+                thread.join()
+            self._puts_off = self._tracker.puts_off = False
 
-    def _read_ahead(self, place: Pose) -> None:
-        """Read one of the tiles around that are not there yet, before a scan has to wait for it."""
-        for point_map in (self.map, self.map.nearest_level(CELL)):
-            for key in point_map.keys_within(place.x, place.y, METRES_AHEAD):
-                if (point_map.cell, key) not in self._tiles_read:
-                    self._tiles_read.add((point_map.cell, key))
-                    with suppress(MapError):  # it is said where the tile is needed
-                        point_map.tile(key)
-                    return
+    def _work(self, tell: Callable[[LiveAnswer], None], ended: threading.Event) -> None:
+        """Answer what comes."""
+        n_rehearsals = 0
+        while not ended.is_set():
+            if (answer := self.answer()) is None:
+                with self._inbox.changed:
+                    self._inbox.changed.wait(LOOK_EVERY)
+                continue
+            is_late = self._inbox.waited + answer.epoch.milliseconds / 1e3 > IN_TIME
+            if is_late and n_rehearsals < MOST_REHEARSALS:
+                n_rehearsals += 1
+                self._inbox.count(n_answered=-1, n_dropped=1)
+            else:
+                n_rehearsals = n_rehearsals if answer.epoch.estimate is None else MOST_REHEARSALS
+                tell(answer)
+            if self._inbox.n_waiting == 0:
+                self._work_off()
+            self._inbox.drop_before(clock.monotonic() - max(LONGEST_WAIT, self.options.delay + 2.0 * LOOK_EVERY))
+
+    def _work_off(self) -> None:
+        """Do what was put off: look for other places than that of the track, or for any."""
+        with suppress(MaxconError):  # a tile that cannot be read: others may be
+            self._tracker.work_off()
+        if self._search is not None:
+            self._search_words = self._search().reason
+
+    def _load_ahead(self, ended: threading.Event) -> None:
+        """Load the map where the sensor may be."""
+        loaded: list[tuple[float, float]] = []
+        while not ended.wait(LOOK_EVERY):
+            places = self._places()
+            if all(any(math.dist(place, before) < EVERY_METRES for before in loaded) for place in places):
+                continue
+            for reach, (x, y) in product(METRES_AHEAD, places):
+                if not ended.is_set():
+                    self._load_around(x, y, reach)
+            loaded = places
+
+    def _load_around(self, x: float, y: float, reach: float) -> None:
+        """Load the map within so many metres of a place, and the level of it that is searched first."""
+        with suppress(MaxconError):  # it is said where the tile is needed
+            self.map.prepare(x, y, reach)
+            self.map.nearest_level(CELL).tiles_within(x, y, reach)
+
+    def _places(self) -> list[tuple[float, float]]:
+        """Where the sensor may be, local frame, m: by the last answer, the last position, the last prior."""
+        with self._inbox.changed:
+            position, poses = self._inbox.position, self._inbox.priors.poses[-1:]
+        places = [] if self._place is None else [self._place]
+        places += [] if position is None else [(position.x, position.y)]
+        return places + [(pose.x, pose.y) for pose in poses]
 
     def answer(self, now: float | None = None) -> LiveAnswer | None:
         """Return the answer for the next scan; None if none waits, or the first one still has to."""
@@ -215,14 +281,18 @@ class LiveLocalizer:
         if self._inbox.n_restarts != self._n_restarts:
             self._n_restarts, self._correction = self._inbox.n_restarts, None
             self._begin()
-        began = clock.perf_counter()
+        began, on_processor, n_tiles = clock.perf_counter(), clock.thread_time(), n_waited_for()
         told = replace(self._localized(taken), milliseconds=1e3 * (clock.perf_counter() - began))
+        effort = Effort(1e3 * (clock.thread_time() - on_processor), n_waited_for() - n_tiles, self._tracker.searched)
         self._inbox.is_lost = told.pose_global is None
-        return LiveAnswer(told, self._correction, self._inbox.counts)
+        if told.estimate is not None and told.pose_global is not None:
+            self._place = told.estimate.pose.x, told.estimate.pose.y
+        return LiveAnswer(told, self._correction, self._inbox.counts, effort)
 
     def _localized(self, taken: Taken) -> EpochEstimate:
         """Track the scan; look for it without a prior where that gives no place."""
         raw, odometry, priors, position = taken
+        self._search = None
         if odometry is not None and raw.time - odometry.times[-1] > LONGEST_AGE:
             odometry = None  # it has ended: priors tell the motion, too
         source = priors if odometry is None else odometry
@@ -237,7 +307,12 @@ class LiveLocalizer:
         if self._tracker.prediction is None or motion is None:  # at first a position is waited for
             is_due = is_due or around is not None or self._n_without == 1
         if told.pose_global is None and own is None and is_due and not read[1] and len(raw.points):
-            told, motion = self._found(told, read, around, motion), None
+            if self._puts_off and motion is not None:  # not to be late: the next scan goes on from where this one was
+                self._search = partial(self._found, replace(told, reason=""), read, around, motion)
+            else:
+                told, motion = self._found(told, read, around, motion), None
+        words, self._search_words = self._search_words, ""
+        told = replace(told, reason="; ".join(filter(None, [told.reason, words])))
         if told.pose_global is None or told.estimate is None:
             return told
         self._n_without = 0

@@ -123,6 +123,7 @@ class LiveInbox:
         self.changed = threading.Condition()
         self.is_lost = True  # a prior is waited for then
         self.n_restarts = 0  # of the clock of the scans
+        self.waited = 0.0  # s, the scan that was taken last
         self._forget()
 
     def _forget(self) -> None:
@@ -134,7 +135,8 @@ class LiveInbox:
 
     def count(self, **more: int) -> None:
         """Count scans."""
-        self.counts = self.counts._replace(**{name: getattr(self.counts, name) + n for name, n in more.items()})
+        with self.changed:
+            self.counts = self.counts._replace(**{name: getattr(self.counts, name) + n for name, n in more.items()})
 
     def add_scan(self, scan: WaitingScan) -> None:
         """Add a scan, unless it comes too late or twice; the oldest is dropped where too many wait."""
@@ -159,7 +161,20 @@ class LiveInbox:
             if not self._scans or not self._is_ready(self._scans[0], now):
                 return None
             self.count(n_answered=1)
+            self.waited = now - self._scans[0].came
             return self._next().raw, self.odometry.trajectory(), self.priors.trajectory(), self.position
+
+    @property
+    def n_waiting(self) -> int:
+        """Scans that wait."""
+        return len(self._scans)
+
+    def drop_before(self, came: float) -> None:
+        """Drop those that wait since before a time, s."""
+        with self.changed:
+            while self._scans and self._scans[0].came < came:
+                self._next()
+                self.count(n_dropped=1)
 
     def _next(self) -> WaitingScan:
         scan = self._scans.pop(0)

@@ -3,7 +3,9 @@
 """Tracker: localizes scan after scan, each only where the one before and the motion since allow it to be."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -77,6 +79,8 @@ class Tracker:
     - options: what it asks for before it calls a pose localized.
     - start: where the sensor is when `localize` is first called, local frame; it is checked there. Without it the prior
       says where to begin.
+    - puts_off: whether the look for other places waits for `work_off`, so that the answer comes sooner. The first look
+      does not wait, nor does one that has waited for as many metres again.
 
     The filter is an extended Kalman filter of x, y, z, roll, pitch and heading. Height, roll and pitch follow the
     motion, the prior's own and, where an estimate measures them, the estimate.
@@ -86,6 +90,7 @@ class Tracker:
     noise: MotionNoise = field(default_factory=MotionNoise)
     options: TrackingOptions = field(default_factory=TrackingOptions)
     start: UncertainPose | None = None
+    puts_off: bool = False
 
     def __post_init__(self) -> None:
         self._hypotheses = [] if self.start is None else [Hypothesis(self.start)]
@@ -93,6 +98,9 @@ class Tracker:
         self._unchecked = math.inf  # since the whole search space was last looked at, m
         self._was_localized = False
         self._outside = 0.0  # since the track was last seen in the prior's search space, m
+        self.put_off: Callable[[], None] | None = None
+        self.searched = 0.0
+        """Largest half width that the last scan was searched in, m."""
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -106,6 +114,7 @@ class Tracker:
 
     def move(self, motion: Motion) -> None:
         """Take account of a motion since the last scan; several in a row are one."""
+        self.put_off, self.searched = None, 0.0
         is_gap = motion.distance > self.options.patience
         self._hypotheses = [
             replace(each.moved(motion), agreement=0.0 if is_gap else each.agreement) for each in self._hypotheses
@@ -128,8 +137,16 @@ class Tracker:
         if prior is None or (self.prediction is not None and self._is_inside(self.prediction.pose, prior)):
             self._outside = 0.0
         if self._hypotheses and self._unchecked >= self.options.check_distance:
-            self._check(scan, point_map, prior)
+            self.put_off = partial(self._check, scan, point_map, prior)
+            if not self.puts_off or self._unchecked >= 2.0 * self.options.check_distance:
+                self.work_off()
         return self._conclude(point_map, prior)
+
+    def work_off(self) -> None:
+        """Look for other places, if that was put off; before the next move."""
+        check, self.put_off = self.put_off, None
+        if check is not None:
+            check()
 
     @property
     def _guard_radius(self) -> float:
@@ -150,7 +167,7 @@ class Tracker:
                 break  # the prior's search space is that of all of them
             if space.half_width <= FARTHEST_REACH:
                 pose = each.predicted(self.noise).pose
-                found = find_candidates(self.method, space, scan, point_map, pose, RATIO_AT_FIRST)
+                found = self._candidates(space, scan, point_map, pose, RATIO_AT_FIRST)
                 compared += self._inheriting(each, found)
         return compared, any(is_wide)
 
@@ -159,8 +176,14 @@ class Tracker:
         if prior is None:
             return []
         self._unchecked = 0.0
-        found = find_candidates(self.method, self.method.space, scan, point_map, prior, RATIO_AT_FIRST)
+        found = self._candidates(self.method.space, scan, point_map, prior, RATIO_AT_FIRST)
         return [replace(each, evidence=1.0) for each in found]
+
+    def _candidates(
+        self, space: SearchSpace, scan: Scan, point_map: PointMap, prior: Pose, ratio: float
+    ) -> list[Hypothesis]:
+        self.searched = max(self.searched, space.half_width)
+        return find_candidates(self.method, space, scan, point_map, prior, ratio)
 
     def _inheriting(self, parent: Hypothesis, found: list[Hypothesis]) -> list[Hypothesis]:
         """Return new hypotheses with the evidence of the one they follow, where its prediction allows them."""
@@ -193,6 +216,7 @@ class Tracker:
         """The answer in the window of a prediction: that stands for the wider search that confirms a place."""
         trust = replace(self.method.trust, least_wall_share=self.method.trust.least_confirmed_share)
         method = replace(self.method, space=self._window(predicted), trust=trust, wider=0.0)
+        self.searched = max(self.searched, method.space.half_width)
         return method.localize(scan, point_map, predicted.pose)
 
     def _window(self, predicted: UncertainPose) -> SearchSpace:
@@ -203,7 +227,7 @@ class Tracker:
         here = self._hypotheses[0].predicted(self.noise)
         ratio = self.method.trust.largest_runner_up
         middle = here.pose if prior is None else prior
-        found = find_candidates(self.method, self.method.space, scan, point_map, middle, ratio)
+        found = self._candidates(self.method.space, scan, point_map, middle, ratio)
         # Scores are compared within this search: where its cells happen to lie changes them by a fifth and more.
         near = [each.evidence for each in found if distance(each.anchor, here) <= self._guard_radius]
         own = max(near, default=ratio)

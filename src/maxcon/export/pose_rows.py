@@ -14,7 +14,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from maxcon._system.atomic import atomic_file
 from maxcon._system.regular_file import check_regular
@@ -29,7 +29,10 @@ from maxcon.scan.trajectory import Trajectory
 
 PARQUET = ".parquet"
 WORDS = ("status", "reason", "scan", "crs")
-ISO_POINT_Z = 1001  # kind of geometry in well-known binary
+ISO_POINT_Z, LINE, POLYGON = 1001, 2, 3  # kinds of geometry in well-known binary
+TURNS = np.linspace(0.0, 2.0 * np.pi, 65)
+CIRCLE_95 = math.sqrt(-2.0 * math.log(0.05)) * np.column_stack([np.cos(TURNS), np.sin(TURNS)])
+TINY = 1e-12  # m^2: tables round covariances
 ON_THE_GROUND = "clampToGround"
 
 
@@ -148,23 +151,47 @@ def write_geojson(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
 
 
 def write_geopackage(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
-    """Write a layer `poses` of points with height, in the CRS; epochs that are not localized have no point."""
+    """Write a layer `poses` of points with height, in the CRS; epochs that are not localized have no point.
+
+    Those that are have a line from the prior in the layer `priors`, and the ellipse of 95 % in `ellipses`, as large as
+    it is.
+    """
     with needs_extra("pyogrio", "to write a GeoPackage", "export"):
         from pyogrio.raw import write
-    points = [None if row.pose is None else struct.pack("<BI3d", 1, ISO_POINT_Z, *row.pose.position) for row in rows]
-    table = [properties(row) for row in rows]
-    columns = [_column([row[name] for row in table]) for name in table[0]]
+    points = [None if row.pose is None else _shape(ISO_POINT_Z, row.pose.position) for row in rows]
+    layers: dict[str, tuple[str, Sequence[PoseRow], Sequence[bytes | None]]] = {"poses": ("Point Z", rows, points)}
+    lines: list[tuple[PoseRow, bytes]] = []
+    ellipses: list[tuple[PoseRow, bytes]] = []
+    for row, pose in _localized(rows):
+        numbers, place = row.numbers, pose.position[:2]
+        if "shift_x" in numbers and "shift_y" in numbers:
+            lines.append((row, _shape(LINE, [place - [numbers["shift_x"], numbers["shift_y"]], place])))
+        if "cov_x_x" in numbers:
+            root = np.linalg.cholesky(covariance_of(row)[:2, :2] + TINY * np.eye(2))
+            ellipses.append((row, _shape(POLYGON, [CIRCLE_95 @ root.T + place])))
+    for name, kind, drawn in (("priors", "LineString", lines), ("ellipses", "Polygon", ellipses)):
+        if drawn:
+            layers[name] = (kind, [row for row, _ in drawn], [shape for _, shape in drawn])
     with atomic_file(path) as partial:
         made = partial.with_suffix(".gpkg")  # GDAL minds the suffix, where a link leads to another one
         try:
-            write(
-                made, np.array(points, dtype=object), columns, list(table[0]),
-                layer="poses", driver="GPKG", geometry_type="Point Z", crs=metric_crs(crs),
-            )  # fmt: skip
+            for layer, (kind, of_layer, shapes) in layers.items():
+                table = [properties(row) for row in of_layer]
+                columns = [_column([row[name] for row in table]) for name in table[0]]
+                write(
+                    made, np.array(shapes, dtype=object), columns, list(table[0]), layer=layer,
+                    driver="GPKG", geometry_type=kind, crs=metric_crs(crs), append=layer != "poses",
+                )  # fmt: skip
         except RuntimeError as error:  # of which all of pyogrio's errors are
             said = str(error).splitlines()[0].rpartition("failed: ")[2][:120]  # before it stands the whole SQL
             raise FileError(f"Expected GDAL to write {path}, got: {said}. Is the disk full?") from error
         made.replace(partial)
+
+
+def _shape(kind: int, values: ArrayLike) -> bytes:
+    """Well-known binary of a point (k,), a line (n, k) or a polygon of one ring (1, n, k)."""
+    numbers = np.asarray(values, np.float64)
+    return struct.pack(f"<BI{numbers.ndim - 1}I", 1, kind, *numbers.shape[:-1]) + numbers.astype("<f8").tobytes()
 
 
 def _column(values: list[float | str | None]) -> NDArray[np.generic]:

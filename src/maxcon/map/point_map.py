@@ -28,7 +28,7 @@ from maxcon.map.layout import (
 )
 from maxcon.map.normal_grid import NormalGrid, grid_extent
 from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
-from maxcon.map.voxel_table import TileTable, VoxelTable
+from maxcon.map.voxel_table import MOST_BYTES, TileTable, VoxelTable
 from maxcon.map.voxelize import voxelize
 
 LEVEL_BYTES = 2**28  # size of the cache of the tiles of a level
@@ -223,6 +223,18 @@ class PointMap:
         """Begin to fetch the tiles within `reach` (m) of positions (x, y), local frame, if the map is on a network."""
         if self._prefetch is not None:
             self._prefetch(sorted({key for x, y in positions for key in self.keys_within(x, y, reach)}))
+
+    def prepare(self, x: float, y: float, reach: float) -> None:
+        """Load tiles and ground within `reach` (m) of (x, y), local frame: searches there need not wait for them then.
+
+        The table takes the nearest of them, up to half of what it holds at most.
+        """
+        middle = np.array([x, y]) / (self.tile_voxels * self.cell) - 0.5
+        keys = sorted(self.keys_within(x, y, reach), key=lambda key: math.dist(key, middle))
+        n_bytes = np.cumsum([tile.n_bytes for tile in self._load(keys)])
+        self.table_of(keys[: int(np.searchsorted(n_bytes, MOST_BYTES // 2))])
+        for key in self._keys_in_square(x, y, reach, self._ground.keys):
+            self._ground.load(key)
 
     def _load(self, keys: Sequence[TileKey]) -> list[VoxelTile]:
         if len(keys) > 1 and self._prefetch is not None:

@@ -176,6 +176,12 @@ def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArr
 
 TileT = TypeVar("TileT")
 PREFETCH_THREADS = 8
+_waited = threading.local()
+
+
+def n_waited_for() -> int:
+    """Return how many tiles this thread had to make or to wait for so far, of maps, of their levels and of ground."""
+    return getattr(_waited, "n_tiles", 0)
 
 
 class TilesInMemory(Generic[TileT]):
@@ -220,11 +226,12 @@ class TileCache(Generic[TileT]):
         return pool
 
     def load(self, key: TileKey) -> TileT:
-        """Return a tile that is kept, or else make it."""
+        """Return a tile that is kept, or else make it, or wait for the thread that does."""
         with self._lock:
             if key in self._tiles:
                 self._tiles.move_to_end(key)
                 return self._tiles[key]  # type: ignore[no-any-return]
+            _waited.n_tiles = n_waited_for() + 1
             loading, mine = self._loading.get(key), Future[TileT]()
             if loading is None:
                 self._loading[key] = mine

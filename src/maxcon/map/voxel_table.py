@@ -36,12 +36,14 @@ MOST_BYTES, ROOM = 2**29, 1.25
 class TileTable:
     """Tiles one after the other in arrays with room for more: an epoch adds those that no one before it needed.
 
-    What is in the arrays is never written again: tables that were given out stay as they are.
+    What is in the arrays is never written again: tables that were given out stay as they are. Who adds tiles holds up
+    none who asks for others.
     """
 
     def __init__(self) -> None:
         self._lock = Lock()
         self._begin()
+        self._publish()
 
     def __reduce__(self) -> tuple[type["TileTable"], tuple[()]]:
         return TileTable, ()  # a copy, perhaps in another process, begins empty
@@ -60,17 +62,24 @@ class TileTable:
         """Return the table of some tiles; `load` returns those that are not there yet."""
         wanted, loaded = set(keys), dict[TileKey, VoxelTile]()
         while True:
+            (rows, *others), numbers = self._published
+            if numbers.keys() >= wanted:
+                return rows, *grid_of_rows({key: numbers[key] for key in wanted}), *others
             with self._lock:
                 self._add([tile for key, tile in loaded.items() if key not in self._rows])
                 missing = wanted - self._rows.keys()
                 if not missing:
-                    rows, *others = (array[:size] for array, size in zip(self._arrays, self._sizes, strict=True))
-                    return rows, *grid_of_rows({key: self._rows[key] for key in wanted}), *others
-                if self.n_bytes > MOST_BYTES:
+                    self._publish()
+                elif self.n_bytes > MOST_BYTES:
                     self._begin()
                     missing = wanted
             # Without the lock: several threads read at the same time.
             loaded |= {tile.key: tile for tile in load(sorted(missing - loaded.keys()))}
+
+    def _publish(self) -> None:
+        """Give out all tiles that are there."""
+        columns = [array[:size] for array, size in zip(self._arrays, self._sizes, strict=True)]
+        self._published = columns, self._rows.copy()
 
     @property
     def n_bytes(self) -> int:
