@@ -25,7 +25,15 @@ class Simulated(OptionGroup):
     campaign: bool = flag(False, "A circuit mapped in five rounds, and a round of up to 3001 scans.")
     hard: bool = flag(False, "With --campaign: periodic facades, things gone, 30 % unmapped returns.")
     scene: Literal["city", "suburb"] = flag("city", "A city, or a suburb: hedges, gardens, slopes, a moving scanner.")
-    scanner: str | None = flag(None, "The car's scanner: vlp-16 (default), vlp-32c, hdl-64e or os1-64.", metavar="NAME")
+    scanner: str | None = flag(
+        None,
+        "The car's scanner: vlp-16 (default), vlp-32c, hdl-64e, os1-64, os1-128, os-dome-128, xt-32, pandar-128; not"
+        " repetitive: mid-360, avia; one on either side: two-vlp-16, two-os-dome-128.",
+        metavar="NAME",
+    )
+    carrier: Literal["car", "hand"] = flag(
+        "car", "Hand: walked through the city, 1 to 2 m high, tilted by up to 20 degrees; priors are level."
+    )
     epochs: int | None = flag(None, "How many scans; 40, 3001 with --campaign, 200 in a suburb.", min=1)
     every: float | None = flag(
         None, "With --campaign: seconds between scans from its beginning on; else spread evenly.", metavar="S"
@@ -38,7 +46,8 @@ class Simulated(OptionGroup):
 
     def __post_init__(self) -> None:
         check_needs({"--hard": self.hard, "--every": self.every}, {"--campaign": self.campaign})
-        check_exclusive({"--campaign": self.campaign}, {f"--scene {self.scene}": self.scene != "city"})
+        scene, carrier = {f"--scene {self.scene}": self.scene != "city"}, {"--carrier hand": self.carrier == "hand"}
+        check_exclusive({"--campaign": self.campaign}, scene, carrier)
 
 
 @flags
@@ -61,6 +70,7 @@ def simulate(what: Simulated, quiet: Quiet = False) -> None:
         elif what.scene == "suburb":
             dataset = simulation.simulate_suburb(what.out, n_epochs=what.epochs or 200, **options)
         else:
+            options["carrier"] = simulation.Carrier(what.carrier)
             dataset = simulation.simulate(what.out, n_epochs=what.epochs or 40, **options)
     _print_parts(dataset)
     if what.recording is not None:

@@ -19,6 +19,7 @@ from maxcon.lab.simulation.drive import (
     draw_gnss_errors,
     drive_along,
     drive_round,
+    walk_along,
 )
 from maxcon.lab.simulation.streets import CAMPAIGN_GRID, circuit_through, route_over_crossing
 
@@ -55,6 +56,17 @@ def test_a_drive_is_seeded_level_and_on_its_route():
     (pose,) = drive.poses([drive.times[100]])
     np.testing.assert_allclose(pose.position, drive.positions[100])
     np.testing.assert_array_equal(drive.positions[:, :2], ROUTE.points)
+
+
+def test_who_walks_holds_the_scanner_high_and_low_and_tilts_it():
+    walk, again = walk_along(ROUTE, 1), walk_along(ROUTE, 1)
+    np.testing.assert_array_equal(walk.angles, again.angles)
+    assert 1.0 <= walk.positions[:, 2].min() < 1.2 < 1.8 < walk.positions[:, 2].max() <= 2.0
+    tilts = np.degrees(walk.angles[:, :2])
+    assert (np.abs(tilts).max(axis=0) <= 20.0).all()
+    assert (tilts.std(axis=0) > 10.0).all()
+    speeds = np.linalg.norm(np.diff(walk.positions[:, :2], axis=0), axis=1) / np.diff(walk.times)
+    assert 1.1 < speeds.min() < speeds.max() < 1.7
 
 
 def test_a_vehicle_waits_where_it_has_slowed_down():

@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: MIT
 """What scanners measure, held against the triangles they hit; their layouts; scans from a vehicle that moves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from maxcon.lab.simulation import ScannerLayout
 from maxcon.lab.simulation.drive import Drive
-from maxcon.lab.simulation.scanners import DeskewErrors, RotatingScanner, scan_moving
+from maxcon.lab.simulation.scanners import DeskewErrors, RosetteScanner, RotatingScanner, scan_moving
 
 
 def _distances_to_hit_planes(returns, caster):
@@ -45,6 +47,58 @@ def test_layers_and_columns_by_name(name, n_columns, elevations_deg):
     np.testing.assert_allclose(elevations[list(elevations_deg)], list(elevations_deg.values()), atol=1e-3)
     assert scanner.directions.shape == (n_columns * len(elevations), 3)
     np.testing.assert_allclose(np.linalg.norm(scanner.directions, axis=1), 1.0)
+
+
+def _angles(layout, time=0.0):
+    """Azimuth and elevation of the rays of a scan, degrees, and when they are fired, s."""
+    rays = layout.scanner().rays(time)
+    x, y, z = rays.directions.T
+    np.testing.assert_allclose(np.linalg.norm(rays.directions, axis=1), 1.0)
+    return np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(np.clip(z, -1.0, 1.0))), rays.offsets
+
+
+@pytest.mark.parametrize(
+    ("layout", "n_rays", "azimuths", "elevations"),
+    [
+        (ScannerLayout.OS1_128, 128 * 1024, (-180.0, 180.0), (-22.5, 22.5)),
+        (ScannerLayout.OS_DOME_128, 128 * 1024, (-180.0, 180.0), (0.0, 89.5)),
+        (ScannerLayout.XT_32, 32 * 2000, (-180.0, 180.0), (-16.0, 15.0)),
+        (ScannerLayout.PANDAR_128, 128 * 1800, (-180.0, 180.0), (-25.0, 15.0)),
+        (ScannerLayout.MID_360, 20_000, (-180.0, 180.0), (-7.0, 52.0)),
+        (ScannerLayout.AVIA, 24_000, (-35.2, 35.2), (-38.6, 38.6)),
+        (ScannerLayout.TWO_VLP_16, 2 * 28_800, (-180.0, 180.0), (-40.0, 40.0)),
+        (ScannerLayout.TWO_OS_DOME_128, 2 * 128 * 1024, (-180.0, 180.0), (-90.0, 90.0)),
+    ],
+)
+def test_fields_of_view_and_rays_of_a_tenth_of_a_second(layout, n_rays, azimuths, elevations):
+    azimuth, elevation, offsets = _angles(layout)
+    assert len(azimuth) == n_rays
+    for found, limits in ((azimuth, azimuths), (elevation, elevations)):
+        assert limits[0] - 1e-6 <= found.min() <= limits[0] + 1.0
+        assert limits[1] - 1.0 <= found.max() <= limits[1] + 1e-6
+    assert -0.05 < offsets.min() < -0.0499
+    assert 0.0499 < offsets.max() < 0.05
+
+
+@pytest.mark.parametrize("layout", [ScannerLayout.MID_360, ScannerLayout.AVIA])
+def test_scans_of_a_pattern_that_does_not_repeat_fill_the_gaps_of_others(layout):
+    def seen(times):
+        """Squares of 0.2 degrees with a ray."""
+        angles = (np.column_stack(_angles(layout, time)[:2]) for time in times)
+        return len(np.unique(np.floor(5.0 * np.concatenate(list(angles))), axis=0))
+
+    assert seen([10.0]) == seen([10.0, 10.0])
+    assert seen([10.0, 10.1]) > 1.5 * seen([10.0])
+    assert seen([10.0, 10.1, 10.2, 10.3]) > 2.2 * seen([10.0])
+
+
+def test_both_scanners_of_a_vehicle_measure_from_where_they_are(world, epoch):
+    scanner = replace(ScannerLayout.TWO_VLP_16.scanner(), noise=0.0)
+    returns = world.scan(epoch, scanner)
+    origins = (returns.origins - epoch.reference.position) @ epoch.reference.rotation
+    np.testing.assert_allclose(np.unique(origins.round(6), axis=0), [[0.0, -0.6, 0.0], [0.0, 0.6, 0.0]], atol=1e-6)
+    distances, _ = _distances_to_hit_planes(returns, world.scan_caster)
+    assert np.abs(distances).max() < 1e-3
 
 
 def test_a_noise_free_scan_lies_on_the_mesh(world, epoch):
@@ -100,9 +154,10 @@ def test_a_vehicle_that_stands_measures_an_instant_scan(world, start):
     assert 9.95 < moving.times.min() < moving.times.max() < 10.05
 
 
-def test_without_errors_the_points_lie_where_they_were_hit(world, start):
+@pytest.mark.parametrize("scanner", [NOISE_FREE, RosetteScanner(noise=0.0, dropout=0.0)])
+def test_without_errors_the_points_lie_where_they_were_hit(world, start, scanner):
     drive = _driving(start, speed=10.0, turn_rate=0.3)
-    returns = scan_moving(NOISE_FREE, world.scan_caster, drive, 10.0, _rng(5), NONE)
+    returns = scan_moving(scanner, world.scan_caster, drive, 10.0, _rng(5), NONE)
     distances, _ = _distances_to_hit_planes(returns, world.scan_caster)
     assert np.abs(distances).max() < 1e-3
     origins, _ = drive.at(returns.times)

@@ -14,7 +14,7 @@ from maxcon.errors import OptionError
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab import simulation
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.simulation import ScannerLayout, simulate, simulate_campaign, simulate_suburb
+from maxcon.lab.simulation import Carrier, ScannerLayout, simulate, simulate_campaign, simulate_suburb
 from maxcon.lab.simulation.furniture import LasClass
 from maxcon.lab.simulation.scanners import ProfileScanner, RotatingScanner
 from maxcon.lab.simulation.worlds import CampaignWorld, SuburbWorld
@@ -201,6 +201,27 @@ def test_an_epoch_of_the_suburb_is_localized(suburb_dataset, tmp_path):
     assert np.hypot(estimate.pose.x - wanted.x, estimate.pose.y - wanted.y) < 0.15
 
 
+def test_a_walk_is_the_same_for_the_same_seed_and_is_localized_from_level_priors(tmp_path):
+    scanner = ScannerLayout.MID_360.scanner()
+    options = {"n_epochs": 3, "seed": 3, "before": 20.0, "after": 15.0, "carrier": Carrier.HAND, "scanner": scanner}
+    dataset = simulate(tmp_path / "walk", **options, mapping_scanners=PROFILES["suburb"])
+    again = simulate(tmp_path / "again", **options, mapping_scanners=THINNEST["mapping_scanners"])
+    np.testing.assert_array_equal(_scan(dataset, 1), _scan(again, 1))
+    assert dataset.prior.read_bytes() == again.prior.read_bytes()
+    assert list(dataset.priors) == ["level"]
+    build_map(dataset.map_clouds, tmp_path / "city.map", dataset.map_options())
+    point_map = PointMap.open(tmp_path / "city.map")
+    origin = -np.asarray(point_map.frame.origin)
+    answers = []
+    for number in range(3):
+        paths = dataset.prior, dataset.reference
+        prior, wanted = (read_trajectory(path).pose(number).translated(origin) for path in paths)
+        assert (prior.roll, prior.pitch) == pytest.approx((0.0, 0.0), abs=1e-9)
+        estimate = MaximumConsensus().localize(Scan(_scan(dataset, number)[:, :3]), point_map, prior)
+        answers.append((estimate.is_localized, np.abs(estimate.pose.less(wanted)).max() < 0.05))
+    assert answers == [(True, True), (True, True), (False, False)]  # tilted by 13, 17 and 22 degrees
+
+
 @pytest.mark.parametrize(
     ("make", "wrong", "words"),
     [
@@ -226,7 +247,13 @@ PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uni
 @pytest.mark.parametrize(
     ("name", "dataset_name", "options", "asked", "parts"),
     [
-        ("simulate", "dataset", (), {"n_epochs": 40}, ["map clouds", "mapping", "map sigma", *PARTS[2:4], "prior"]),
+        (
+            "simulate",
+            "dataset",
+            (),
+            {"n_epochs": 40, "carrier": "car"},
+            ["map clouds", "mapping", "map sigma", *PARTS[2:4], "prior"],
+        ),
         (
             "simulate_campaign",
             "campaign_dataset",
@@ -256,3 +283,14 @@ def test_options_are_passed_on_and_the_parts_are_said(
     assert first == str(dataset.folder)
     assert [line[:13].strip() for line in lines] == parts
     assert all(f" {dataset.folder}/" in line for line in lines if not line.startswith("map sigma"))
+
+
+def test_the_help_names_every_scanner():
+    said = "".join(run("simulate", "--help").split())  # lines may end within a name
+    assert [layout.value for layout in ScannerLayout if layout.value not in said] == []
+
+
+def test_a_walk_is_through_the_city_alone(tmp_path):
+    for other in (["--campaign"], ["--scene", "suburb"]):
+        with pytest.raises(OptionError, match=r"Expected either .* or --carrier hand, got both"):
+            run("simulate", tmp_path / "out", "--carrier", "hand", *other)

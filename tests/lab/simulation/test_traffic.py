@@ -31,7 +31,7 @@ def test_rays_meet_a_box_where_it_stands(box):
     user = RoadUser(box, 10.0, 0.0, 0.5, np.pi / 2.0)  # across: 9 to 11 m away, 2 m to either side
     origin = np.array([0.0, 0.0, 1.0], np.float32)
     rays = _rays([1, 0, 0], [9, 1.9, 0], [9, 2.1, 0], [-1, 0, 0], [9, 0, 0.4], [9, 0, 0.6])
-    rows, hits = user.cast(origin, rays)
+    rows, hits = user.cast(np.broadcast_to(origin, rays.shape), rays)
     np.testing.assert_array_equal(rows, [0, 1, 4])
     np.testing.assert_allclose(hits.ranges, [9.0, np.hypot(9.0, 1.9), np.hypot(9.0, 0.4)], rtol=1e-5)
 

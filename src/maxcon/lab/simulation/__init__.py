@@ -3,7 +3,7 @@
 """A seeded city or suburb, ray-cast by a mapping vehicle and by a car, and written in the formats of real data."""
 
 from maxcon.lab.simulation.datasets import simulate, simulate_campaign, simulate_suburb
-from maxcon.lab.simulation.drive import PriorErrors
+from maxcon.lab.simulation.drive import Carrier, PriorErrors
 from maxcon.lab.simulation.scanners import ScannerLayout
 
-__all__ = ["PriorErrors", "ScannerLayout", "simulate", "simulate_campaign", "simulate_suburb"]
+__all__ = ["Carrier", "PriorErrors", "ScannerLayout", "simulate", "simulate_campaign", "simulate_suburb"]

@@ -6,6 +6,7 @@ import itertools
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -19,9 +20,9 @@ from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.clouds.laz import laz_as_os_error
 from maxcon.io.trajectories import write_tum
 from maxcon.lab.dataset import DESCRIPTION, Dataset
-from maxcon.lab.simulation.drive import OdometryErrors, PriorErrors
+from maxcon.lab.simulation.drive import Carrier, OdometryErrors, PriorErrors
 from maxcon.lab.simulation.furniture import LasClass
-from maxcon.lab.simulation.scanners import MAPPING_SCANNERS, ProfileScanner, Returns, RotatingScanner
+from maxcon.lab.simulation.scanners import MAPPING_SCANNERS, ProfileScanner, Returns, RotatingScanner, Scanner
 from maxcon.lab.simulation.worlds import (
     EPOCH_STEP,
     MOST_EPOCHS,
@@ -71,14 +72,15 @@ class DatasetOptions(TypedDict, total=False):
     seed: int  # the same seed gives the same scene, drives, scans, priors and map points; 0 by default
     # On the mapping vehicle; two turned by 45 degrees to either side by default
     mapping_scanners: Sequence[ProfileScanner]
-    scanner: RotatingScanner  # on the car; a VLP-16 by default. `ScannerLayout` has others.
+    scanner: Scanner  # on the car; a VLP-16 by default. `ScannerLayout` has others.
     overwrite: bool  # whether a dataset at `out` is replaced; anything else there is an error
     progress: Callable[[int, int], None]  # called with (done, total) after each step
 
 
 def simulate(
     out: str | os.PathLike[str], *, n_epochs: int = 40, before: float = 75.0, after: float = 50.0,
-    mapping_wait: float = 0.0, prior_errors: PriorErrors | None = None, **options: Unpack[DatasetOptions],
+    mapping_wait: float = 0.0, prior_errors: PriorErrors | None = None, carrier: Carrier = Carrier.CAR,
+    **options: Unpack[DatasetOptions],
 ) -> Dataset:  # fmt: skip
     """Write a seeded dataset: a city is mapped, and driven through on another day.
 
@@ -87,6 +89,7 @@ def simulate(
     before, after: how far from the middle of the crossing the scans begin and end, m.
     mapping_wait: how long the mapping vehicle stands before the crossing, s: there the map is far denser.
     prior_errors: how far the priors are off; up to 2.5 m and 1.8 degrees if None.
+    carrier: of the scanner. From the hand, priors are level: they know neither roll nor pitch.
 
     The default has some 4 million map points within 60 m of the mapping vehicle and 27,000 points per scan. An
     OptionError if `n_epochs` is below 1, the seed or `mapping_wait` is negative or the route is too short; a
@@ -96,9 +99,11 @@ def simulate(
         raise OptionError(f"Expected at least one epoch, got n_epochs = {n_epochs}. The default is 40.")
     seed = options.get("seed", 0)
     with _dataset_folder(out, options) as folder:
-        world = SimulatedWorld.build(seed, before, after, mapping_wait)
+        world = SimulatedWorld.build(seed, before, after, mapping_wait, carrier)
         epochs = world.epochs(n_epochs)
         priors = {"uniform": world.uniform_priors(epochs, prior_errors)}
+        if carrier is Carrier.HAND:
+            priors = {"level": [replace(prior, roll=0.0, pitch=0.0) for prior in priors["uniform"]]}
         # The mapping vehicle's poses are written without errors: the map has no errors but the noise of its points.
         _write(folder, world, epochs, priors, options, f"seed {seed}, {n_epochs} epochs", map_sigma=0.0)
     return Dataset.open(out)

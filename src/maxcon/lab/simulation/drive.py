@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
+from maxcon.search.accumulator import NamedOption
 
 Seed = int | Sequence[int]  # a seed as numpy.random.default_rng takes it; the same seed draws the same
 SPEED = 8.0  # of a drive along a route on its straight parts, m/s; it varies by about a fifth
@@ -20,6 +21,17 @@ WAITS = (4.0, 15.0)  # shortest and longest wait of a round, s
 WANDER = 0.3  # largest distance of a round to the left or right of its circuit, m
 STOP_LINE = 9.0  # distance from a stop line to the middle of its crossing, m
 SLOWEST = 0.4  # speed just before and after a halt in a round, m/s
+WALKING_SPEED = 1.4  # m/s; it varies by about a fifth
+HAND_TILT = math.radians(20.0)  # largest roll and pitch of a scanner in the hand, rad
+
+
+class Carrier(NamedOption, option="carrier"):
+    """Who carries the scanner."""
+
+    CAR = "car"
+    """On the road, 2 m high, all but level."""
+    HAND = "hand"
+    """On the sidewalk, 1 to 2 m high, rolling and pitching by up to 20 degrees."""
 
 
 class Route(NamedTuple):
@@ -101,6 +113,17 @@ def drive_along(
     return _with_halts(drive, np.searchsorted(distances, [route.stop_at]), np.array([wait]))
 
 
+def walk_along(route: Route, seed: Seed, *, start_time: float = 0.0) -> Drive:
+    """Return a walk along `route` with a scanner in the hand (`Carrier.HAND`), from `start_time` (s) on."""
+    rng = np.random.default_rng(seed)
+    distances = route.distances
+    speeds = WALKING_SPEED * (1.0 + sway(distances, 0.2, (5.0, 20.0), rng))
+    heights = 1.5 + 0.5 * np.sin(sway(distances, math.pi, (10.0, 40.0), rng))
+    roll, pitch = (HAND_TILT * np.sin(sway(distances, math.pi, (2.0, 12.0), rng)) for _ in range(2))
+    angles = np.column_stack([roll, pitch, _headings(route.points)])
+    return Drive(start_time + _times(distances, speeds), np.column_stack([route.points, heights]), angles)
+
+
 class RoundDriver(NamedTuple):
     """How a round is driven."""
 
@@ -166,11 +189,15 @@ def _swaying(
     rng: np.random.Generator,
 ) -> Drive:
     """Drive that is at `points`, shape (k, 2), at `times`: it rolls and pitches, and its height sways, a little."""
-    steps = np.gradient(points, axis=0)
-    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     roll, pitch = (sway(distances, math.radians(0.8), (6.0, 40.0), rng) for _ in range(2))
     z = height + sway(distances, 0.02, (5.0, 30.0), rng)
-    return Drive(times, np.column_stack([points, z]), np.column_stack([roll, pitch, heading]))
+    return Drive(times, np.column_stack([points, z]), np.column_stack([roll, pitch, _headings(points)]))
+
+
+def _headings(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Direction of travel at each of `points`, shape (k, 2), rad, without jumps."""
+    steps = np.gradient(points, axis=0)
+    return np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
 
 
 def _with_halts(drive: Drive, halts: NDArray[np.int64], waits: NDArray[np.float64], start_time: float = 0.0) -> Drive:

@@ -3,8 +3,8 @@
 """Scanners: rays cast into a scene (Embree), where they go, how their ranges are disturbed, how the car moves."""
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,12 +125,59 @@ class RangeFinder:
         return Returns(starts + ranges[:, None] * ways, starts, times[rows], triangles, classes, intensities)
 
 
-@dataclass(frozen=True, slots=True)
-class RotatingScanner(RangeFinder):
-    """A scanner with layers of fixed elevation that turns about its z axis; the default is a Velodyne VLP-16.
+AT_ORIGIN = (Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),)
+SCAN_TIME = 0.1  # duration of one scan: a turn, or what a non-repetitive scanner accumulates, s
 
-    Sensor axes: x forward, y left, z up. The rays of one turn start at one place: scans are taken for perfectly
-    deskewed (`scan_moving` simulates the motion within a scan, and a deskewing with errors).
+
+class Rays(NamedTuple):
+    """Rays of one scan in the sensor frame.
+
+    origins, directions: shape (n, 3); m, and unit vectors.
+    offsets: when each is fired, less the time of the scan, shape (n,), s.
+    """
+
+    origins: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Scanner(RangeFinder):
+    """A scanner with a firing pattern, or several of a kind on one vehicle, whose points are merged into one scan.
+
+    Sensor axes: x forward, y left, z up. `scan` takes a scan for perfectly deskewed: all its rays are fired from one
+    pose. `scan_moving` simulates the motion within a scan, and a deskewing with errors.
+
+    mounts: T_sensor_scanner of each of them; one at the origin by default.
+    """
+
+    mounts: tuple[Pose, ...]
+    accumulates: ClassVar[bool] = False
+    """Whether a scan is always simulated with the motion within it."""
+
+    def pattern(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Unit rays of the scan at `time` (s) in the scanner's frame, shape (n, 3), and their offsets, (n,), s."""
+        raise NotImplementedError
+
+    def rays(self, time: float) -> Rays:
+        """Return the rays of the scan at `time` (s) of all scanners."""
+        directions, offsets = self.pattern(time)
+        return Rays(
+            np.repeat([mount.position for mount in self.mounts], len(offsets), axis=0),
+            np.concatenate([directions @ mount.rotation.T for mount in self.mounts]),
+            np.tile(offsets, len(self.mounts)),
+        )
+
+    def scan(self, caster: Caster, pose: Pose, time: float, rng: np.random.Generator) -> Returns:
+        """Return one scan from `pose` (T_city_sensor) at `time` (s)."""
+        rays = self.rays(time)
+        origins = rays.origins @ pose.rotation.T + pose.position
+        return self.measure(caster, origins, rays.directions @ pose.rotation.T, np.full(len(origins), time), rng)
+
+
+@dataclass(frozen=True, slots=True)
+class RotatingScanner(Scanner):
+    """A scanner with layers of fixed elevation that turns about its z axis; the default is a Velodyne VLP-16.
 
     n_layers, lowest_deg, highest_deg: layers, evenly spaced in elevation, where `elevations_deg` are not given.
     azimuth_step_deg: from one column of points to the next, degrees.
@@ -141,6 +188,7 @@ class RotatingScanner(RangeFinder):
     dropout: float = 0.03
     min_range: float = 1.0
     max_range: float = 100.0
+    mounts: tuple[Pose, ...] = AT_ORIGIN
     n_layers: int = 16
     lowest_deg: float = -15.0
     highest_deg: float = 15.0
@@ -159,17 +207,64 @@ class RotatingScanner(RangeFinder):
 
     @property
     def directions(self) -> NDArray[np.float64]:
-        """Unit rays of one turn in the sensor frame, column by column, shape (n_columns * n_layers, 3)."""
+        """Unit rays of one turn in the scanner's frame, column by column, shape (n_columns * n_layers, 3)."""
         azimuths = np.radians(np.arange(self.n_columns) * self.azimuth_step_deg)
         azimuth, elevation = (grid.ravel() for grid in np.meshgrid(azimuths, self.elevations, indexing="ij"))
-        level = np.cos(elevation)
-        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+        return _unit_rays(azimuth, elevation)
 
-    def scan(self, caster: Caster, pose: Pose, time: float, rng: np.random.Generator) -> Returns:
-        """Return one scan from `pose` (T_city_sensor) at `time` (s)."""
-        directions = self.directions @ pose.rotation.T
-        origins = np.broadcast_to(pose.position, directions.shape)
-        return self.measure(caster, origins, directions, np.full(len(directions), time), rng)
+    def pattern(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """One turn, the same at each time; it begins in driving direction, half a turn before `time`."""
+        return self.directions, np.repeat(_offsets(self.n_columns), len(self.elevations))
+
+
+@dataclass(frozen=True, slots=True)
+class RosetteScanner(Scanner):
+    """A scanner whose pattern does not repeat: what it accumulates over the time of a scan has other gaps each time.
+
+    A model, not the maker's pattern: two prisms turn in opposite directions, and each bends the rays by a quarter of
+    the field of view; their deflections add (Risley prisms). The head may turn about its z axis at the same time.
+
+    width_deg, lowest_deg, highest_deg: field of view without the turn of the head, degrees.
+    prism_rates, head_rate: turns per second.
+    n_beams: rays that are fired one after the other, each by the same turn of the first prism behind the one before.
+    point_rate: rays per second.
+    """
+
+    noise: float = 0.02
+    dropout: float = 0.03
+    min_range: float = 0.5
+    max_range: float = 100.0
+    mounts: tuple[Pose, ...] = AT_ORIGIN
+    width_deg: float = 60.0
+    lowest_deg: float = -30.0
+    highest_deg: float = 30.0
+    prism_rates: tuple[float, float] = (121.57, 77.73)
+    head_rate: float = 0.0
+    n_beams: int = 1
+    point_rate: float = 200_000.0
+    accumulates: ClassVar[bool] = True
+
+    def pattern(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Rays around `time`, where the prisms and the head are then."""
+        offsets = _offsets(round(self.point_rate * SCAN_TIME))
+        turns = 2.0 * math.pi * (time + offsets)
+        first = self.prism_rates[0] * turns + np.arange(len(offsets)) * (2.0 * math.pi / self.n_beams)
+        second = -self.prism_rates[1] * turns
+        across, up = np.cos(first) + np.cos(second), np.sin(first) + np.sin(second)
+        middle, height = 0.5 * (self.lowest_deg + self.highest_deg), self.highest_deg - self.lowest_deg
+        azimuth = np.radians(0.25 * self.width_deg * across) + self.head_rate * turns
+        return _unit_rays(azimuth, np.radians(middle + 0.25 * height * up)), offsets
+
+
+def _offsets(n: int) -> NDArray[np.float64]:
+    """When each of `n` firings, spread evenly over the time of a scan, takes place, less its middle, shape (n,), s."""
+    return ((np.arange(n) + 0.5) / n - 0.5) * SCAN_TIME
+
+
+def _unit_rays(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors, shape (n, 3), from angles, shape (n,), rad."""
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,30 +324,72 @@ HDL_64E_DEG = tuple(np.concatenate([np.linspace(-24.33, -8.83, 32), np.linspace(
 """Elevations of the layers: two blocks of 32, the lower with steps of 1/2 degree, the upper of 1/3 degree."""
 
 
+PANDAR_128_DEG = tuple(
+    np.concatenate([np.linspace(-25.0, -6.5, 38), np.arange(-6.0, 2.0, 0.125), np.linspace(2.0, 15.0, 26)]).tolist()
+)
+"""Elevations of the layers: 64 of them from -6 to 2 degrees, the others about half a degree apart."""
+
+
 class ScannerLayout(NamedOption, option="scanner"):
-    """A scanner by its product name, turning ten times a second."""
+    """A scanner by its product name, with ten scans a second; or two of a kind, one on either side of the vehicle."""
 
     VLP_16 = "vlp-16"
     VLP_32C = "vlp-32c"
     HDL_64E = "hdl-64e"
     OS1_64 = "os1-64"
+    OS1_128 = "os1-128"
+    OS_DOME_128 = "os-dome-128"
+    XT_32 = "xt-32"
+    PANDAR_128 = "pandar-128"
+    MID_360 = "mid-360"
+    AVIA = "avia"
+    TWO_VLP_16 = "two-vlp-16"
+    TWO_OS_DOME_128 = "two-os-dome-128"
 
-    def scanner(self) -> RotatingScanner:
-        """Return the scanner with the elevations, columns and ranges of its data sheet."""
+    def scanner(self) -> Scanner:
+        """Return the scanner with the field of view, the points and the ranges of its data sheet."""
         return DATA_SHEETS[self]
 
 
-DATA_SHEETS = {
+def _either_side(out: float, tilt_deg: float) -> tuple[Pose, Pose]:
+    """Mounts `out` to the left and to the right (m), each turned so that its z axis leans outwards by `tilt_deg`."""
+    tilt = math.radians(tilt_deg)
+    return Pose(0.0, out, 0.0, -tilt, 0.0, 0.0), Pose(0.0, -out, 0.0, tilt, 0.0, 0.0)
+
+
+OS1 = RotatingScanner(lowest_deg=-22.5, highest_deg=22.5, azimuth_step_deg=360.0 / 1024, min_range=0.5, max_range=120.0)
+# The layers of a dome cover the hemisphere about its z axis.
+OS_DOME_128 = replace(OS1, n_layers=128, lowest_deg=0.0, highest_deg=89.5, max_range=45.0)
+DATA_SHEETS: dict[ScannerLayout, Scanner] = {
     ScannerLayout.VLP_16: RotatingScanner(),
     ScannerLayout.VLP_32C: RotatingScanner(max_range=200.0, elevations_deg=VLP_32C_DEG),
     ScannerLayout.HDL_64E: RotatingScanner(
         azimuth_step_deg=360.0 / 2083, noise=0.02, max_range=120.0, elevations_deg=HDL_64E_DEG
     ),
-    ScannerLayout.OS1_64: RotatingScanner(
-        n_layers=64, lowest_deg=-22.5, highest_deg=22.5, azimuth_step_deg=360.0 / 1024, min_range=0.5, max_range=120.0
+    ScannerLayout.OS1_64: replace(OS1, n_layers=64),
+    ScannerLayout.OS1_128: replace(OS1, n_layers=128),
+    ScannerLayout.OS_DOME_128: OS_DOME_128,
+    ScannerLayout.XT_32: RotatingScanner(
+        n_layers=32, lowest_deg=-16.0, azimuth_step_deg=0.18, noise=0.01, min_range=0.05, max_range=120.0
     ),
+    ScannerLayout.PANDAR_128: RotatingScanner(
+        azimuth_step_deg=0.2, noise=0.02, min_range=0.3, max_range=200.0, elevations_deg=PANDAR_128_DEG
+    ),
+    ScannerLayout.MID_360: RosetteScanner(
+        min_range=0.1,
+        max_range=70.0,
+        lowest_deg=-7.0,
+        highest_deg=52.0,
+        head_rate=10.7,
+        n_beams=4,
+        prism_rates=(803.7, 524.9),
+    ),
+    ScannerLayout.AVIA: RosetteScanner(
+        min_range=1.0, max_range=190.0, width_deg=70.4, lowest_deg=-38.6, highest_deg=38.6, n_beams=6, point_rate=240e3
+    ),
+    ScannerLayout.TWO_VLP_16: RotatingScanner(mounts=_either_side(0.6, 25.0)),
+    ScannerLayout.TWO_OS_DOME_128: replace(OS_DOME_128, mounts=_either_side(0.8, 90.0)),
 }
-TURN_TIME = 0.1  # duration of one turn of the scanner, s
 
 
 class DeskewErrors(NamedTuple):
@@ -268,7 +405,7 @@ class DeskewErrors(NamedTuple):
 
 
 def scan_moving(
-    scanner: RotatingScanner,
+    scanner: Scanner,
     caster: Caster,
     drive: Drive,
     time: float,
@@ -277,26 +414,28 @@ def scan_moving(
 ) -> Returns:
     """Return one scan from a vehicle that moves, deskewed to `time` (s), in city metres.
 
-    A turn begins in driving direction, half a turn before `time`. Each column of rays starts where the vehicle is at
-    the column's own time. A point is then transformed from the sensor at that time to the sensor at `time` by the true
-    motion between both with `errors` (the defaults if None): its displacement is scaled, and a small rotation added.
-    For a vehicle that stands, and without errors, this is `RotatingScanner.scan`.
+    Each ray starts where its scanner is when it is fired. A point is then transformed from the sensor at that time to
+    the sensor at `time` by the true motion between both with `errors` (the defaults if None): its displacement is
+    scaled, and a small rotation added. For a vehicle that stands, and without errors, this is `Scanner.scan`.
     """
-    bounds, n_columns = errors or DeskewErrors(), scanner.n_columns
-    offsets = ((np.arange(n_columns) + 0.5) / n_columns - 0.5) * TURN_TIME
-    positions, angles = drive.at(time + offsets)
-    rotations = rotation_matrices(*angles.T)
-    rays = scanner.directions.reshape(n_columns, -1, 3)
-    directions = (rays @ rotations.transpose(0, 2, 1)).reshape(-1, 3)
-    columns = np.repeat(np.arange(n_columns), rays.shape[1])
-    returns = scanner.measure(caster, positions[columns], directions, (time + offsets)[columns], rng)
+    bounds, rays = errors or DeskewErrors(), scanner.rays(time)
+    positions, rotations = _poses_at(drive, time + rays.offsets)
+    origins = positions + np.einsum("nij,nj->ni", rotations, rays.origins)
+    directions = np.einsum("nij,nj->ni", rotations, rays.directions)
+    returns = scanner.measure(caster, origins, directions, time + rays.offsets, rng)
     speed_error = bounds.speed * rng.uniform(-1.0, 1.0)
     rates = np.array([bounds.tilt_rate_deg, bounds.tilt_rate_deg, bounds.turn_rate_deg]) * math.pi / 180.0
     rates *= rng.uniform(-1.0, 1.0, 3)
-    rows = np.rint((returns.times - time - offsets[0]) / TURN_TIME * n_columns).astype(np.int64)
-    points_sensor = np.einsum("nji,nj->ni", rotations[rows], returns.points - returns.origins)
-    here, angles_here = (column[0] for column in drive.at([time]))
-    rotation_here, believed = rotation_matrices(*angles_here), rotation_matrices(*np.outer(rates, offsets))
+    positions, rotations = _poses_at(drive, returns.times)
+    points_sensor = np.einsum("nji,nj->ni", rotations, returns.points - positions)
+    (here,), (rotation_here,) = _poses_at(drive, np.array([time]))
+    believed = rotation_matrices(*np.outer(rates, returns.times - time))
     turns = rotation_here @ believed @ rotation_here.T @ rotations
     shifts = (1.0 + speed_error) * (positions - here)
-    return returns._replace(points=np.einsum("nij,nj->ni", turns[rows], points_sensor) + shifts[rows] + here)
+    return returns._replace(points=np.einsum("nij,nj->ni", turns, points_sensor) + shifts + here)
+
+
+def _poses_at(drive: Drive, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions, shape (n, 3), m, and rotations, (n, 3, 3), of the sensor on a drive at `times`, (n,), s."""
+    positions, angles = drive.at(times)
+    return positions, rotation_matrices(*angles.T)

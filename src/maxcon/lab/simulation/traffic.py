@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.lab.simulation.drive import Seed
 from maxcon.lab.simulation.furniture import OCTAGON, LasClass, Patch, boxes, draw_car, join, prism
-from maxcon.lab.simulation.scanners import Caster, Hits, RayCaster, RotatingScanner
+from maxcon.lab.simulation.scanners import Caster, Hits, RayCaster, Scanner
 from maxcon.lab.simulation.streets import KERB_HEIGHT, STREET_ANGLE, StreetGrid, in_city
 
 
@@ -45,18 +45,17 @@ class RoadUser(NamedTuple):
         """R_city_user, shape (3, 3)."""
         return rotation_matrices(0.0, 0.0, self.heading).astype(np.float32)
 
-    def cast(self, origin: NDArray[np.float32], directions: NDArray[np.float32]) -> tuple[NDArray[np.int64], Hits]:
-        """Return which rays from `origin`, (3,), with `directions`, (n, 3), hit it: their rows, (k,), and the hits."""
+    def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> tuple[NDArray[np.int64], Hits]:
+        """Return which rays, origins and directions of shape (n, 3), hit it: their rows, shape (k,), and the hits."""
         foot = np.array([self.x, self.y, self.z], np.float32)
-        away = foot + np.array([0.0, 0.0, 0.5 * self.shape.height], np.float32) - origin
+        away = foot + np.array([0.0, 0.0, 0.5 * self.shape.height], np.float32) - origins
         # Rays that miss the ball around the shape are left out.
-        tangent_squared = float(away @ away) - self.shape.radius**2
-        least_along = math.sqrt(tangent_squared) if tangent_squared > 0.0 else -math.inf
-        near = np.flatnonzero(directions @ away >= least_along)
+        tangent_squared = np.einsum("ij,ij->i", away, away) - self.shape.radius**2
+        least_along = np.where(tangent_squared > 0.0, np.sqrt(np.maximum(tangent_squared, 0.0)), -np.inf)
+        near = np.flatnonzero(np.einsum("ij,ij->i", directions, away) >= least_along)
         turn = self.rotation
-        start = ((origin - foot) @ turn).astype(np.float32)
-        ways = (directions[near] @ turn).astype(np.float32)
-        hits = self.shape.scene.cast(np.broadcast_to(start, ways.shape), ways)
+        starts, ways = ((rays @ turn).astype(np.float32) for rays in (origins[near] - foot, directions[near]))
+        hits = self.shape.scene.cast(starts, ways)
         is_hit = hits.triangles >= 0
         return near[is_hit], Hits(hits.ranges[is_hit], hits.triangles[is_hit])
 
@@ -73,13 +72,13 @@ class CrowdedCaster:
         self.classes: NDArray[np.uint8] = np.concatenate([caster.classes, users])
 
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
-        """First hit of each ray; origins, all the same, and directions of shape (n, 3), city metres."""
+        """First hit of each ray; origins and directions of shape (n, 3), city metres."""
         hits = self._caster.cast(origins, directions)
         ranges = np.where(hits.triangles >= 0, hits.ranges, np.float32(np.inf))
         triangles = hits.triangles.copy()
         first = len(self._caster.normals)
         for user in self._road_users:
-            rows, met = user.cast(origins[0], directions)
+            rows, met = user.cast(origins, directions)
             is_nearer = met.ranges < ranges[rows]
             ranges[rows[is_nearer]] = met.ranges[is_nearer]
             triangles[rows[is_nearer]] = first + met.triangles[is_nearer]
@@ -150,7 +149,7 @@ class Traffic:
         self._vehicles = [RoadUserShape(draw_vehicle(rng)) for _ in range(40)]
         self._pedestrians = [RoadUserShape(draw_pedestrian(rng)) for _ in range(20)]
 
-    def draw(self, caster: Caster, scanner: RotatingScanner, pose: Pose, rng: np.random.Generator) -> list[RoadUser]:
+    def draw(self, caster: Caster, scanner: Scanner, pose: Pose, rng: np.random.Generator) -> list[RoadUser]:
         """Return road users for one scan from `pose` (T_city_sensor) in a city with parked cars.
 
         They are added one by one until 30 % of the returns, before dropouts, are on triangles of class VEHICLE:
@@ -203,12 +202,12 @@ class Traffic:
 class _View:
     """Ranges of a scan, and which returns are on vehicles or pedestrians, updated as road users are added."""
 
-    def __init__(self, caster: Caster, scanner: RotatingScanner, pose: Pose) -> None:
+    def __init__(self, caster: Caster, scanner: Scanner, pose: Pose) -> None:
         self._scanner = scanner
-        directions = scanner.directions @ pose.rotation.T
-        self._directions: NDArray[np.float32] = directions.astype(np.float32)
-        self._origin: NDArray[np.float32] = pose.position.astype(np.float32)
-        hits = caster.cast(np.broadcast_to(self._origin, directions.shape), self._directions)
+        rays = scanner.rays(time=0.0)
+        self._directions: NDArray[np.float32] = (rays.directions @ pose.rotation.T).astype(np.float32)
+        self._origins: NDArray[np.float32] = pose.apply(rays.origins).astype(np.float32)
+        hits = caster.cast(self._origins, self._directions)
         self._ranges = np.where(scanner.are_returns(hits), hits.ranges, np.float32(np.inf))
         self._is_unmapped = np.isfinite(self._ranges) & (caster.classes[hits.triangles] == LasClass.VEHICLE)
 
@@ -219,7 +218,7 @@ class _View:
 
     def add(self, user: RoadUser) -> bool:
         """Add `user` if it hides enough rays; return whether it was added."""
-        rows, hits = user.cast(self._origin, self._directions)
+        rows, hits = user.cast(self._origins, self._directions)
         is_seen = self._scanner.are_returns(hits) & (hits.ranges < self._ranges[rows])
         if is_seen.sum() < LEAST_SEEN * len(self._ranges):
             return False

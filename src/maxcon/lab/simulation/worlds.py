@@ -14,6 +14,7 @@ from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 from maxcon.lab.simulation.city import City, build_city, build_periodic_city
 from maxcon.lab.simulation.drive import (
+    Carrier,
     Circuit,
     Drive,
     GeoreferencingErrors,
@@ -26,13 +27,14 @@ from maxcon.lab.simulation.drive import (
     drive_along,
     drive_round,
     off_by,
+    walk_along,
 )
 from maxcon.lab.simulation.scanners import (
     Caster,
     ProfileScanner,
     RayCaster,
     Returns,
-    RotatingScanner,
+    Scanner,
     check_embreex,
     scan_moving,
 )
@@ -113,9 +115,10 @@ class World:
 
     seed: everything random is drawn from it.
     mapping: drives of the mapping vehicle through the scene on the day of the map.
-    scan_caster, scan_drive: the scene on the day of the scans, and the drive of the car with the rotating scanner.
+    scan_caster, scan_drive: the scene on the day of the scans, and the drive of the car, or the walk, with the scanner.
     n_epochs_of_drive, start: number of scans of the whole drive, 0.1 s apart, and time of the first of them, s.
     drive_number: number of the car's drive, from 0.
+    is_moving: whether scans are simulated with the motion within them (`scan_moving`) by any scanner.
     """
 
     STREAMS: ClassVar[tuple[str, ...]]
@@ -128,6 +131,7 @@ class World:
     n_epochs_of_drive: int = 0
     start: float = SCAN_START
     drive_number: int = 0
+    is_moving: bool = False
 
     @classmethod
     def _stream(cls, seed: int, name: str, *more: int) -> list[int]:
@@ -160,12 +164,16 @@ class World:
         drawn, seed = errors or PriorErrors(), self._of_drive("uniform priors")
         return [drawn.prior(epoch.reference, np.random.default_rng([*seed, epoch.tick])) for epoch in epochs]
 
-    def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Returns:
-        """Measure the scan of one epoch from its reference pose; it does not depend on which other epochs are taken."""
-        return scanner.scan(self.scan_caster, epoch.reference, epoch.time, self._noise(epoch))
+    def scan(self, epoch: Epoch, scanner: Scanner) -> Returns:
+        """Measure the scan of one epoch; it does not depend on which other epochs are taken."""
+        caster, rng = self._scene(epoch, scanner), np.random.default_rng(self._of_drive("scan noise", epoch.tick))
+        if self.is_moving or scanner.accumulates:
+            return scan_moving(scanner, caster, self.scan_drive, epoch.time, rng)
+        return scanner.scan(caster, epoch.reference, epoch.time, rng)
 
-    def _noise(self, epoch: Epoch) -> np.random.Generator:
-        return np.random.default_rng(self._of_drive("scan noise", epoch.tick))
+    def _scene(self, epoch: Epoch, scanner: Scanner) -> Caster:
+        """What the scanner sees at one epoch."""
+        return self.scan_caster
 
 
 def _check_seed(seed: int) -> None:
@@ -179,6 +187,7 @@ def _georeferencing(drives: Sequence[Drive], seed: Seed) -> GeoreferencingErrors
 
 
 MAP_BEYOND = 35.0  # how far the first mapping drive extends beyond the drive of the scans at either end, m
+SIDEWALK = 6.4  # distance of who walks from the centre line, m
 MAP_BRANCHES = (50.0, 40.0)
 """Distance from the crossing at which the second mapping drive, over the other two branches, begins and ends, m."""
 
@@ -191,11 +200,13 @@ class SimulatedWorld(World):
     )  # fmt: skip
 
     @classmethod
-    def build(cls, seed: int, before: float = 75.0, after: float = 50.0, mapping_wait: float = 0.0) -> Self:
+    def build(
+        cls, seed: int, before: float = 75.0, after: float = 50.0, mapping_wait: float = 0.0,
+        carrier: Carrier = Carrier.CAR,
+    ) -> Self:  # fmt: skip
         """Return the world of `seed`; distances are from the middle of the crossing: see `simulate`."""
         _check_seed(seed)
         city = build_city(cls._stream(seed, "city"))
-        route = route_over_crossing(STREET_ANGLE, before, after)
         map_routes = (
             route_over_crossing(STREET_ANGLE, before + MAP_BEYOND, after + MAP_BEYOND, lane=1.7),
             route_over_crossing(STREET_ANGLE + math.pi, *MAP_BRANCHES, lane=1.6),
@@ -207,11 +218,19 @@ class SimulatedWorld(World):
         map_city, scan_city = (
             city.with_parked_cars(cls._stream(seed, name)) for name in ("cars of map", "cars of scans")
         )
+        stream = cls._stream(seed, "scan drive")
+        if carrier is Carrier.HAND:
+            route = route_over_crossing(STREET_ANGLE, before, after, lane=SIDEWALK)
+            scan_drive = walk_along(route, stream, start_time=SCAN_START)
+        else:
+            route = route_over_crossing(STREET_ANGLE, before, after)
+            scan_drive = drive_along(route, stream, slowest=0.25, start_time=SCAN_START)
         return cls(
             seed=seed,
             mapping=MappingDrives(RayCaster(map_city), drives, cls._stream(seed, "map noise")),
             scan_caster=RayCaster(scan_city),
-            scan_drive=drive_along(route, cls._stream(seed, "scan drive"), slowest=0.25, start_time=SCAN_START),
+            scan_drive=scan_drive,
+            is_moving=carrier is Carrier.HAND,
         )
 
     def epochs(self, n_epochs: int, ticks_apart: int | None = None) -> list[Epoch]:
@@ -302,13 +321,12 @@ class CampaignWorld(World):
         times = np.round(self.start + EPOCH_STEP * np.arange(MOST_EPOCHS), 6)
         return times, errors.draw(self.scan_drive, times, self._of_drive("odometry"))
 
-    def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Returns:
-        """Measure the scan of one epoch in its traffic; it does not depend on which other epochs are taken."""
-        caster: Caster = self.scan_caster
-        if self.traffic is not None:
-            rng = np.random.default_rng(self._of_drive("traffic", epoch.tick))
-            caster = CrowdedCaster(caster, self.traffic.draw(caster, scanner, epoch.reference, rng))
-        return scanner.scan(caster, epoch.reference, epoch.time, self._noise(epoch))
+    def _scene(self, epoch: Epoch, scanner: Scanner) -> Caster:
+        if self.traffic is None:
+            return self.scan_caster
+        rng = np.random.default_rng(self._of_drive("traffic", epoch.tick))
+        road_users = self.traffic.draw(self.scan_caster, scanner, epoch.reference, rng)
+        return CrowdedCaster(self.scan_caster, road_users)
 
 
 def _round_of_car(circuit: Circuit, seed: Seed, start: float) -> Drive:
@@ -362,11 +380,8 @@ class SuburbWorld(World):
         return cls(
             seed=seed, mapping=MappingDrives(map_caster, drives, cls._stream(seed, "map noise"), errors),
             scan_caster=scan_caster, scan_drive=replace(level, times=times), n_epochs_of_drive=n_epochs, road=road,
+            is_moving=True,
         )  # fmt: skip
-
-    def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Returns:
-        """Measure the scan of one epoch while the car moves; it does not depend on which other epochs are taken."""
-        return scan_moving(scanner, self.scan_caster, self.scan_drive, epoch.time, self._noise(epoch))
 
 
 def n_epochs_on(road_length: float) -> int:
