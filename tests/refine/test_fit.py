@@ -142,15 +142,12 @@ def test_a_pattern_that_the_pose_takes_up_is_not_seen_in_a_scan_without_any_nois
     assert (found.misfit, found.words) == (0.0, "")
 
 
-def test_away_from_the_right_pose_patches_lie_beside_the_map():
+def test_patches_beside_those_of_the_map_and_walls_that_are_not_found_are_told():
     point_map, scan = town(1)
     refined, table = refine(scan, point_map, TRUTH), table_around(scan.sample, point_map, [TRUTH])
     found = fit.fit_of(replace(refined, pose=beside(0.25, 0.2)), scan.sample, point_map, table)
     assert found.misfit > 1.0
     assert "patches of surface lie beside those of the map" in found.words
-
-
-def test_walls_of_one_side_that_are_not_found_are_missed():
     point_map, scan = town(3)
     moved = scan.points + (scan.points[:, 1:2] > 0.0) * [0.0, 1.2, 0.0]
     assert "to the left" in fitted(Scan(moved, scan.normals), point_map).words
