@@ -22,7 +22,6 @@ import numpy as np
 import pytest
 
 from maxcon.lab.dataset import Dataset
-from s3_buckets import bucket_on, s3_server_here
 from written_las import write_las
 
 pytestmark = pytest.mark.kills
@@ -207,13 +206,6 @@ def test_what_a_killed_command_leaves_is_whole_or_not_there(name, drive, folder_
 
 def _remove(path):
     shutil.rmtree(path) if path.is_dir() else path.unlink()
-
-
-@pytest.fixture
-def bucket(monkeypatch):
-    """Address of an empty bucket."""
-    with s3_server_here() as server, bucket_on(server, monkeypatch) as address:
-        yield address
 
 
 def test_a_killed_copy_to_a_bucket_leaves_no_map_there_and_is_gone_on_with(drive, bucket, maxcon, timed, killed):
