@@ -73,21 +73,14 @@ def test_the_page_says_what_was_found_and_how_good_it_is(drive, page):
     assert "across m 0.000 0.900 1.000 66.7 66.7 66.7" in text
     assert "with a reference: 3; farther than 0.3 m and 1° from it: 1." in text and "is exceeded in 1 of 3" in text
     assert text.index("Epoch 2,") < text.index("Epoch 3,") < text.index("Epoch 0,")
-
-
-def test_the_maps_part_of_the_variance_is_told(drive, page):
-    # sigma 0.01 in x and in y of variances of 4e-4 and 1e-4
     drive.point_map.sigma = 0.01
     assert "sigma of 0.01 m: it makes 40 % of the variance" in page(drive)
 
 
-def test_without_a_reference_nothing_is_called_right_or_wrong(drive, page):
+def test_drives_without_a_reference_or_without_an_answer_have_their_page(drive, page, tmp_path):
     text = page(replace(drive, reference=None))
     assert "only a reference tells: --reference POSES" in text and "How far from the reference" not in text
     assert "arther than" not in text
-
-
-def test_a_drive_of_which_nothing_is_localized_has_its_page(drive, page, tmp_path):
     (tmp_path / "3.5.npz").write_bytes(b"none")  # nor can it be read
     rows = [row(0.5 + number, None, "few matches") for number in range(4)]
     text = page(replace(drive, rows=rows, prior=None, reference=None))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Every figure from one sample input with hostile titles and values that are not defined; the numbers in them."""
+"""Every figure from one input with hostile titles and values that are not defined; the numbers and marks in them."""
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 import maxcon
 from drawn_figures import HOSTILE, BelowZero, assert_all_fits, parts, png_size, words, yard
 from maxcon.errors import OptionError
+from maxcon.lab.charts import METHOD_STYLES, draw_legend, draw_number_ticks, offset_words, scale_words
 from maxcon.lab.evaluation import Quantiles, RiskCoverage
 from maxcon.lab.paper.distinctness_plots import MEASURES, plot_distinctness, plot_kurtosis_map
 from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison, plot_overview
@@ -22,6 +23,7 @@ from maxcon.lab.report.prior_error import plot_prior_error
 from maxcon.lab.report.study_statistics import percents_within, plot_error_distributions, plot_success, round_width
 from maxcon.lab.report.timeline import ErrorRow, plot_timeline
 from maxcon.lab.study import MethodStatistics
+from maxcon.plotting.figure import saved_figure
 from maxcon.plotting.score_panel import SearchSpaceView
 
 GENERATOR = np.random.default_rng(4)
@@ -303,3 +305,43 @@ def test_drives_methods_levels_and_times_are_named(tmp_path):
     assert "one drive, 10 epochs" in written and "a $second$, 10 epochs" in written
     for label in ("maxcon: 12 ms", "count 1 m, then GICP: 110 ms", "my method: 210 ms", "12 m", "12°", "median [ms]"):
         assert label in written
+
+
+@pytest.mark.parametrize("field", ["color", "line", "marker", "hatch"])
+def test_each_mark_alone_tells_the_methods_apart(field):
+    assert len({getattr(style, field) for style in METHOD_STYLES}) == 8
+
+
+@pytest.mark.parametrize(
+    ("labels", "expected"), [(["a"], 1), (["a"] * 4, 4), (["a"] * 5, 3), (["a" * 40] * 3, 2), (["a" * 80, "b"], 1)]
+)
+def test_legends_have_as_many_columns_as_fit(labels, expected, tmp_path):
+    with saved_figure(tmp_path / "legend.png", 9.2, 3.0, "", "") as figure:
+        handles = figure.subplots().plot(np.zeros((2, len(labels))))
+        assert draw_legend(figure, handles, labels)._ncols == expected
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (1.8, 60.0, ["2", "5", "10", "20", "50"]),
+        (0.01, 10.0, ["≤ 0.01", "0.02", "0.05", "0.1", "0.2", "0.5", "1", "2", "5", "10"]),
+        (0.02, 50.0, ["0.1", "1", "10"]),
+    ],
+)
+def test_ticks_are_round_numbers(tmp_path, low, high, expected):
+    with saved_figure(tmp_path / "ticks.png", 4.0, 1.0, "", "") as figure:
+        axes = figure.add_subplot()
+        axes.set_xscale("log")
+        axes.set_xlim(low, high)
+        draw_number_ticks(axes.xaxis, low, high, least=0.01)
+        assert [label.get_text() for label in axes.get_xticklabels()] == expected
+
+
+def test_offsets_and_scales_are_put_in_words():
+    given = [-0.9, 2.824, -0.004, 0.0, -2.816]
+    assert [offset_words(offset) for offset in given] == ["−0.90", "2.82", "0.00", "0.00", "−2.82"]
+    accumulator = parts()["accumulator"]
+    views = [SearchSpaceView(accumulator, maxcon.Helmert()), SearchSpaceView(accumulator, maxcon.Count())]
+    assert scale_words(views) == "score, over the highest of the square"
+    assert "from the lowest (0)" in scale_words([*views, SearchSpaceView(accumulator, BelowZero())])

@@ -11,15 +11,7 @@ import pytest
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.lab.simulation import PriorErrors
-from maxcon.lab.simulation.drive import (
-    GNSS_BOUNDS,
-    OdometryErrors,
-    RoundDriver,
-    draw_georeferencing_errors,
-    draw_gnss_errors,
-    drive_along,
-    drive_round,
-)
+from maxcon.lab.simulation import drive as drives
 from maxcon.lab.simulation.streets import CAMPAIGN_GRID, circuit_through, route_over_crossing
 
 ROUTE = route_over_crossing(0.5, 60.0, 40.0)
@@ -47,7 +39,7 @@ def test_the_circuit_keeps_right_and_on_the_carriageway(circuit):
 
 
 def test_a_drive_is_seeded_level_and_on_its_route():
-    drive, again = drive_along(ROUTE, 1), drive_along(ROUTE, 1)
+    drive, again = drives.drive_along(ROUTE, 1), drives.drive_along(ROUTE, 1)
     np.testing.assert_array_equal(drive.angles, again.angles)
     assert np.abs(drive.positions[:, 2] - 2.0).max() <= 0.02
     assert 0.0 < np.degrees(np.abs(drive.angles[:, :2])).max() <= 0.8
@@ -58,7 +50,7 @@ def test_a_drive_is_seeded_level_and_on_its_route():
 
 
 def test_a_vehicle_waits_where_it_has_slowed_down():
-    through, waiting = drive_along(ROUTE, 4), drive_along(ROUTE, 4, wait=10.0)
+    through, waiting = drives.drive_along(ROUTE, 4), drives.drive_along(ROUTE, 4, wait=10.0)
     assert waiting.times[-1] == pytest.approx(through.times[-1] + 10.0)
     stop = through.times[np.searchsorted(ROUTE.distances, ROUTE.stop_at)]
     there, _ = waiting.at(stop + np.linspace(0.0, 10.0, 5))
@@ -67,12 +59,14 @@ def test_a_vehicle_waits_where_it_has_slowed_down():
         np.testing.assert_allclose(through.at([one]), waiting.at([other]))
     for wrong in (-1.0, math.nan, math.inf):
         with pytest.raises(OptionError, match="wait"):
-            drive_along(ROUTE, 4, wait=wrong)
+            drives.drive_along(ROUTE, 4, wait=wrong)
 
 
 def test_a_round_waits_as_often_as_told_and_lasts_as_long_as_asked(circuit):
-    drive = drive_round(circuit, RoundDriver(6.0, n_stops=3), 4, height=2.0, start_time=1000.0, duration=300.0)
-    free = drive_round(circuit, RoundDriver(6.0, n_stops=3), 4, height=2.0, start_time=1000.0)
+    drive = drives.drive_round(
+        circuit, drives.RoundDriver(6.0, n_stops=3), 4, height=2.0, start_time=1000.0, duration=300.0
+    )
+    free = drives.drive_round(circuit, drives.RoundDriver(6.0, n_stops=3), 4, height=2.0, start_time=1000.0)
     assert drive.times[-1] - drive.times[0] == pytest.approx(300.0, abs=1e-9)
     stands = np.flatnonzero(np.all(np.diff(drive.positions, axis=0) == 0.0, axis=1))
     assert len(stands) == 3
@@ -83,27 +77,24 @@ def test_a_round_waits_as_often_as_told_and_lasts_as_long_as_asked(circuit):
 
 # --- poses as vehicles measure them ---------------------------------------------------------------------------
 
-DRIVE = drive_along(route_over_crossing(0.3, 60.0, 40.0), 1, start_time=100.0)
+DRIVE = drives.drive_along(route_over_crossing(0.3, 60.0, 40.0), 1, start_time=100.0)
 TIMES = np.arange(100.0, DRIVE.times[-1], 0.1)
 TRUE = DRIVE.poses(TIMES)
 
 
 @pytest.fixture(scope="module")
 def gnss_errors():
-    return draw_gnss_errors(200_000, 0.1, 0)
+    return drives.draw_gnss_errors(200_000, 0.1, 0)
 
 
-def test_gnss_errors_have_their_spread_and_bounds(gnss_errors):
+def test_gnss_errors_have_their_spread_and_bounds_and_are_remembered_for_20_s(gnss_errors):
     x, y, z, roll, pitch, heading = gnss_errors.std(axis=0)
     np.testing.assert_allclose([x, y, z, np.degrees(heading)], [1.17, 1.17, 0.0146, 0.6], rtol=0.06)
     np.testing.assert_allclose(np.degrees([roll, pitch]), 0.05, rtol=0.06)
     worst = np.abs(gnss_errors).max(axis=0)
-    assert ((worst <= GNSS_BOUNDS) & (worst > 0.95 * GNSS_BOUNDS)).all()
+    assert ((worst <= drives.GNSS_BOUNDS) & (worst > 0.95 * drives.GNSS_BOUNDS)).all()
     assert worst[0] < 3.0  # the paper's search range
     assert np.abs(np.corrcoef(gnss_errors.T) - np.eye(6)).max() < 0.1
-
-
-def test_gnss_errors_are_remembered_for_20_s(gnss_errors):
     heading = gnss_errors[:, 5]
     for wait in (1.0, 20.0, 40.0):
         lag = round(wait / 0.1)
@@ -126,25 +117,22 @@ def _motions(poses):
     return [before.inverse @ after for before, after in pairwise(poses)]
 
 
-def test_odometry_without_errors_measures_every_true_motion():
-    odometry = OdometryErrors(0.0, 0.0, 0.0, 0.0, 0.0).draw(DRIVE, TIMES, 0)
+def test_odometry_without_errors_measures_every_motion_and_its_errors_are_as_large_as_said():
+    odometry = drives.OdometryErrors(0.0, 0.0, 0.0, 0.0, 0.0).draw(DRIVE, TIMES, 0)
     assert (odometry[0].x, odometry[0].y, odometry[0].z, odometry[0].heading) == (0.0, 0.0, 0.0, 0.0)
     for told, true in zip(_motions(odometry), _motions(TRUE), strict=True):
         np.testing.assert_allclose(told.position, true.position, atol=1e-9)
         np.testing.assert_allclose(told.rotation, true.rotation, atol=1e-9)
-
-
-def test_scale_and_drift_of_odometry_are_as_large_as_said():
-    scaled = OdometryErrors(0.01, 0.0, 0.0, 0.0, 0.0).draw(DRIVE, TIMES, 0)
+    scaled = drives.OdometryErrors(0.01, 0.0, 0.0, 0.0, 0.0).draw(DRIVE, TIMES, 0)
     told, way = (sum(np.linalg.norm(motion.position) for motion in _motions(poses)) for poses in (scaled, TRUE))
     assert abs(told / way - 1.0) == pytest.approx(0.01, rel=1e-6)
-    turned = OdometryErrors(0.0, 0.05, 0.0, 0.0, 0.0).draw(DRIVE, TIMES, 0)
+    turned = drives.OdometryErrors(0.0, 0.05, 0.0, 0.0, 0.0).draw(DRIVE, TIMES, 0)
     drift = math.remainder(turned[-1].heading - (TRUE[-1].heading - TRUE[0].heading), 2.0 * math.pi)
     assert abs(drift) == pytest.approx(math.radians(0.05) * (TIMES[-1] - TIMES[0]), rel=1e-6)
 
 
 def test_georeferencing_errors_are_2_cm_smooth_and_forgotten_after_a_round():
-    errors = draw_georeferencing_errors(1, 1000.0, 101_000.0)
+    errors = drives.draw_georeferencing_errors(1, 1000.0, 101_000.0)
     offsets = errors.at(np.arange(1000.0, 101_000.0, 10.0))
     np.testing.assert_allclose(offsets.std(axis=0), 0.02, rtol=0.08)
     np.testing.assert_allclose(offsets.mean(axis=0), 0.0, atol=0.003)

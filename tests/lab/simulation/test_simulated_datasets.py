@@ -243,7 +243,7 @@ PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uni
         ),
     ],
 )
-def test_options_are_passed_on_and_the_parts_are_said(
+def test_options_are_passed_on_and_parts_said(
     request, monkeypatch, tmp_path, name, dataset_name, options, asked, parts
 ):
     dataset, calls = request.getfixturevalue(dataset_name), []
