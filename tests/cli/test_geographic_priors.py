@@ -75,9 +75,7 @@ def test_a_receiver_s_log(assert_same, geographic, tmp_path):
     assert_same(path, *words, within=2e-3)
 
 
-def test_heights_of_a_log_that_are_not_the_map_s_are_refused_with_the_log_s_geoid_height(
-    localize, refused, geographic, tmp_path
-):
+def test_heights_of_a_log_that_are_not_the_map_s_are_refused(localize, refused, geographic, tmp_path):
     path, lines = tmp_path / "gnss.nmea", []
     for time, (latitude, longitude, height) in zip(*geographic[:2], strict=True):
         lines += [zda(time), gga(time, latitude, longitude, f"{height:.5f}", 40.0)]

@@ -53,11 +53,6 @@ def test_a_recorded_drive_has_the_poses_of_its_files(localize, maxcon, recording
         assert word in ended.out
 
 
-def test_a_recording_beside_files(localize, recordings, assert_same):
-    assert_same(localize(prior=recordings["mcap"]))
-    assert_same(localize(scans=recordings["bag"], out="b.csv"), "b.csv")
-
-
 def test_what_is_asked_of_a_recording_and_is_not_there(localize, refused, recordings, tmp_path):
     bag = recordings["bag"]
     for options, words in (

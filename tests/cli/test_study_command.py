@@ -109,9 +109,7 @@ class Last:
 """
 
 
-def test_an_objective_of_one_s_own_is_compared_with_ours_alike_and_shown_first(
-    described, maxcon, tmp_path, monkeypatch
-):
+def test_an_objective_of_one_s_own_is_compared_with_ours_alike(described, maxcon, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own_scores.py").write_text(OWN)
     word, out, page = "own_scores:Determinant", tmp_path / "study", tmp_path / "page.html"
