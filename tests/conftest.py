@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What all tests share: examples per property, real data, folders that are built once per run, and an S3 server."""
 
 import os

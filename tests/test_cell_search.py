@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Which search a space is given, and what is said of a best cell: its ratios, what lies beyond, what casts doubt."""
 
 import math

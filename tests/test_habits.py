@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Habits that a machine can check: tools, archive, changes; and that source and design cite what is there."""
 
 import importlib

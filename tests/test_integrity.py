@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Which answers are not to be trusted: where exactly trust ends, and on scenes where the reason is known."""
 
 import math

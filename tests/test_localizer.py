@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """MaximumConsensus, its accumulator and its estimates."""
 
 import gc

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The tutorial is done from its first command to its picture, in a shell, as a reader would."""
 
 import json

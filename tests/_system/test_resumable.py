@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What is read is a file, and never a FIFO; a folder of work is one process's at a time, its table grows by parts."""
 
 import os

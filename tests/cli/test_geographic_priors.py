@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Priors in latitude, longitude and height on the command line: localized as those in the map's coordinates are."""
 
 import numpy as np

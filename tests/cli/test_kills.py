@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Every command that writes is killed at odd moments: nothing half written, nothing lost that was finished.
 
 SIGKILL cannot be caught: what a command leaves is what it had written. The moments are drawn from the time that it

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon localize`: its options, windows from the certainty of priors, drives localized in part, and as a track."""
 
 import inspect

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What `maxcon map build`, `info` and `copy` say of a map, in a folder and on an S3 server."""
 
 import json

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Recordings on the command line: localized as the files are, described, and refused in a line."""
 
 import numpy as np

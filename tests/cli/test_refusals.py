@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a command cannot use, or needs and is not installed, is one line before the work, and nothing is written."""
 
 import shutil

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The slips of new users: each works, or is met with a message that names its cause."""
 
 import math

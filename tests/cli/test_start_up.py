@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """How commands start: nothing heavy, help, refusals of the parser; and those of the README one after the other."""
 
 import subprocess

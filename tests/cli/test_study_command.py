@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon study` and `maxcon report`: what they print, what they refuse, and that a kill loses nothing."""
 
 import signal

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Motions, put together, and how well they are known; the filter's two equations against plain NumPy."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tables of poses read back, only localized epochs have one, a dataset's drive appears whole; tables of drives."""
 
 import csv

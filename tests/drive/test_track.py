@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tracking over a drive from files: what each epoch is told, and where its motion comes from."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A drive searched within the standard deviations of its priors: honest ones, too small ones, huge ones, none."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Pose and its rotation, LocalFrame, coordinates to voxel indices and back, what are points and what covariances."""
 
 import math

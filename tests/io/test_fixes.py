@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Fixes of receivers in the coordinates of a map: headings, covariances, heights, and what is refused."""
 
 import math

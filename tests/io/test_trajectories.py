@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Trajectories in TUM and CSV files: round trips, and every way a file can be wrong."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a dataset.toml may say, and what is said of one that is wrong."""
 
 import time

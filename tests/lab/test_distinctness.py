@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """How distinct a peak is, on accumulators made by hand."""
 
 import dataclasses

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Errors and stated certainty, by values computed by hand, by random errors, and by the binomial distribution."""
 
 import dataclasses

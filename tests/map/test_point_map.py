@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """PointMap against a dictionary of voxels, its tiles against brute force, and its levels against merging by hand."""
 
 import math

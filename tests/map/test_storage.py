@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A map on an object store or a web server is the same map; what is wrong there is said in a line, and in time."""
 
 import pickle

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A map on disk: what is written is what is read, tiles as they are asked for; what is damaged or no map is refused."""
 
 import json

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The voxels of a tile, and of several in a table, are found as in a dictionary; tiles are kept by use."""
 
 import threading

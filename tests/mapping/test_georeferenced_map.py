@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon map georeference`: a map in coordinates of its own gets those of a CRS, and says how well it is placed."""
 
 import csv

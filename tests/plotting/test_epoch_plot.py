@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Pictures of an epoch: what is drawn of it, what is said of its answer, and the scores of its cells."""
 
 from dataclasses import replace

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The adjusted pose on scenes whose true pose is known, its partners and its covariance, against plain code."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Candidates of open spaces: adjusted from large cells, scored where they come to rest."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Ground plane fits: slopes, camber, kerbs, ramps, cars; where nothing can be told; and without a map."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Validation of a best cell: what stays in doubt, what the ground is worth, which walls are missing, and the words."""
 
 import math

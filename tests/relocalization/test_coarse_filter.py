@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The coarse filter finds what its definition finds, and the definition what a scene made by hand has."""
 
 import numpy as np

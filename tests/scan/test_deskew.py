@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Deskewing: a simulated sensor in motion sees what it saw standing; real scans become the published ones."""
 
 import math

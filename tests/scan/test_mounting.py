@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Mounting: poses of the scanner from those of an antenna, an IMU or an odometer on the same vehicle."""
 
 import math

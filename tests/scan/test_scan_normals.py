@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scan normals against surfaces that are known, seen by a synthetic ring scanner."""
 
 import tracemalloc

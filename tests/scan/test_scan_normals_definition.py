@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Normals of a scan against their definition: one point at a time, as the page of the decision tells it.
 
 The definition and the compiled code share numbers (heights, gates, ratios), directions (held to numpy's by tests of

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Of the points in each cube one is kept, whatever their order."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Trajectory: what it accepts, the pose at any time, many positions at once."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Angles of a scan against numpy, windows tried first against their definition, and planes of a block against each."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Branch and bound finds the cell of the exhaustive search, to the last bit, and what it proves is true (D7)."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Single cells have the moments of the exhaustive search, to the last bit; visits hold each group at each heading."""
 
 import itertools

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The compiled search equals the definition, to the last bit (D7), whatever the order and the threads (D8)."""
 
 import itertools

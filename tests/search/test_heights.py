@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A search over heights: exhaustive equals the definition, and branch and bound the exhaustive one (D7)."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a cell is worth, for all moments; and what all searches share: rounding, cells, options, refusals, records."""
 
 import importlib

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What the compiled searches prepare is what plain NumPy makes of the definitions, to the last bit."""
 
 import numpy as np

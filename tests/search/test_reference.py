@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The definition, on scenes whose answer is known by hand and against loops in plain Python."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """LAS and LAZ: every point format, chunks, CRS, and headers that claim what is not there."""
 
 import struct

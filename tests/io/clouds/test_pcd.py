@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """PCD scans: three encodings, legal variants of the header, and headers that lie."""
 
 import struct

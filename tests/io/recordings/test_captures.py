@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Captures of a VLP-16, whose points come out as they were put in, and real files of recorders and scanners."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """ICP on streets whose answer is known, and where it must say that it does not know."""
 
 import math

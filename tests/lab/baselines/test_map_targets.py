@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The part of a map that a scan can meet, thinned, and the cache of it: shared, bounded, gone with the map."""
 
 import gc

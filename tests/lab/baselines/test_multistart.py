@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Many starts: where they are, what is made of where they end; options of all baselines."""
 
 import copy

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon demo`: the table, the report, the same answers again, and what is not replaced."""
 
 import os

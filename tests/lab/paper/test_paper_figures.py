@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What the paper's figures show, and its claims against small tables made by hand."""
 
 from dataclasses import replace

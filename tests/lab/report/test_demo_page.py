@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 import re
 from dataclasses import replace
 from html.parser import HTMLParser

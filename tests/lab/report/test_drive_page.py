@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The page of one's own drive: rows made by hand, whose numbers are known, and how it looks in a browser."""
 
 import math

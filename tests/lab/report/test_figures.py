@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Every figure from one input with hostile titles and values that are not defined; the numbers and marks in them."""
 
 import xml.etree.ElementTree as ElementTree

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Cities, suburbs and road users: seeded, with every class; what repeats, what stays, what changes between days."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Datasets on disk: readable, whole or absent, the same for the same seed, and true; `maxcon simulate`."""
 
 from dataclasses import replace

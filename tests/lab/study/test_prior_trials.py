@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Levels of a prior's error, priors drawn at them, their statistics, and the tables and stages of benchmarks."""
 
 import importlib

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Methods by name, what is saved of them, and the numbers a study sums up to."""
 
 import pickle

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The page of a study as `maxcon report` writes it and a browser shows it; what it says of certainty; its epochs."""
 
 import re

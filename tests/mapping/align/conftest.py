@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scenes of few planes, and passes of them as LAZ files, each displaced by what is known."""
 
 import numpy as np

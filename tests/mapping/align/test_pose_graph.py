@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Passes, their corrections, and constraints of known errors: what the graph makes of them, with its covariance."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Two walls and a floor: what lies between two visits is found, with a covariance that holds."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Maps from files: their voxels, normals and sources; what does not fit, what is left out, nothing half built."""
 
 import errno

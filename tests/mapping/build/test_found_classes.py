@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Ground, vegetation and temporary objects of hand-made scenes without classes, and where the ground grid is from."""
 
 import numpy as np

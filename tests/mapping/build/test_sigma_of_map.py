@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Sigma of a map: from a sample of places and passes of known offsets over known walls, given, or assumed."""
 
 import json

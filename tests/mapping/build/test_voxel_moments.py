@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Points on their way into tiles, moments of their voxels, and point spacing, against plain loops."""
 
 import tempfile

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a ray says of a voxel: scenes by hand, and the compiled walk against the plain definition."""
 
 import numpy as np

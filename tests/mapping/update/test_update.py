@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A car is gone, another is new, a third passes, and the wall stays: what an update makes of a street."""
 
 import hashlib
