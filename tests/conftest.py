@@ -1,6 +1,4 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
-"""What all tests share: examples per property, real data if present, and folders that are built once per run."""
+"""What all tests share: examples per property, real data, folders that are built once per run, and an S3 server."""
 
 import os
 from pathlib import Path
@@ -49,3 +47,31 @@ def built_once(tmp_path_factory):
         return folder
 
     return build
+
+
+@pytest.fixture(scope="session")
+def s3_server():
+    """Address of an S3 server on this machine; the test is skipped where a package for it is missing."""
+    pytest.importorskip("obstore", reason="the extra `remote` is not installed")
+    moto = pytest.importorskip("moto.server", reason="moto, an S3 server, is not installed")
+    server = moto.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    yield f"http://{host}:{port}"
+    server.stop()
+
+
+@pytest.fixture
+def bucket(s3_server, monkeypatch):
+    """Address of an empty bucket; credentials and server are in the environment."""
+    import boto3
+
+    keys = {"AWS_ACCESS_KEY_ID": "key", "AWS_SECRET_ACCESS_KEY": "secret", "AWS_REGION": "us-east-1"}
+    for name, value in (keys | {"AWS_ENDPOINT_URL": s3_server}).items():
+        monkeypatch.setenv(name, value)
+    client = boto3.client("s3", endpoint_url=s3_server, region_name="us-east-1")
+    client.create_bucket(Bucket="maps")
+    yield "s3://maps"
+    for entry in client.list_objects_v2(Bucket="maps").get("Contents", ()):
+        client.delete_object(Bucket="maps", Key=entry["Key"])
+    client.delete_bucket(Bucket="maps")

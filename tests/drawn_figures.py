@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A yard of three walls, a scan of it, the epoch they make, and what is read from figures of it."""
 
 import re

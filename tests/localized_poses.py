@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """POSES.csv as rows of text, and, of a drive of which every epoch is localized, as numbers."""
 
 import csv

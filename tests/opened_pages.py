@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A page as a reader sees it, in headless Chromium; tests that open one are skipped where none is installed."""
 
 import shutil

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Point clouds read as a whole, for tests."""
 
 from types import SimpleNamespace

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Recordings of Rerun, read back by its own reader."""
 
 import pyarrow

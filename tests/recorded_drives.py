@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Recordings for tests: drives of random scans as bags of ROS 1 and ROS 2 and as MCAP, and captures of a VLP-16."""
 
 import struct

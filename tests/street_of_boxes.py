@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A street of boxes: what a map of it holds, and what a scanner sees of it on a drive."""
 
 import numpy as np

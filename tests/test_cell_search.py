@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Which search a space is given, and what is said of a best cell: its ratios, what lies beyond, what casts doubt."""
 
 import math
@@ -32,21 +30,18 @@ def refuse(*_, **__):
     raise AssertionError("another search was asked for")
 
 
-def test_the_search_that_is_asked_for_is_made(corner, monkeypatch):
+def test_the_search_that_is_asked_for_is_made_and_only_open_spaces_coarse_to_fine(corner, monkeypatch):
+    bounded, exhaustive = (MaximumConsensus(search=name).cell_search for name in ("branch-and-bound", "exhaustive"))
+    is_open = SearchSpace(1.0, heading_half_width_deg=2.0)
+    assert bounded.is_coarse_to_fine(is_open)
+    assert not exhaustive.is_coarse_to_fine(is_open)
+    assert not bounded.is_coarse_to_fine(is_open.at(CELL))
     bounded, exhaustive = (MaximumConsensus(SPACE, search=by).cell_search for by in ("branch-and-bound", "exhaustive"))
     with monkeypatch.context() as patched:
         patched.setattr("maxcon.cell_search.branch_and_bound", refuse)
         wanted = exhaustive.best(*corner, HERE, SPACE)
     monkeypatch.setattr("maxcon.cell_search.exhaustive", refuse)
     assert bounded.best(*corner, HERE, SPACE).score == wanted.score > 1.0
-
-
-def test_only_open_spaces_are_searched_coarse_to_fine_and_not_exhaustively():
-    bounded, exhaustive = (MaximumConsensus(search=name).cell_search for name in ("branch-and-bound", "exhaustive"))
-    is_open = SearchSpace(1.0, heading_half_width_deg=2.0)
-    assert bounded.is_coarse_to_fine(is_open)
-    assert not exhaustive.is_coarse_to_fine(is_open)
-    assert not bounded.is_coarse_to_fine(is_open.at(CELL))
 
 
 def test_of_several_candidates_the_best_is_the_answer(corner, monkeypatch):
@@ -134,9 +129,7 @@ def test_what_is_known_of_the_cell_is_passed_on():
 
 @pytest.mark.parametrize(("heading", "turn_deg"), [(0, -1.5), (4, 1.5)])
 @pytest.mark.parametrize(("beyond", "status"), [(0.9, Status.LOCALIZED), (1.0, Status.LOCALIZED), (1.1, Status.AT_RIM)])
-def test_one_heading_beyond_the_last_is_scored_and_only_a_higher_score_there_is_the_boundary(
-    monkeypatch, heading, turn_deg, beyond, status
-):
+def test_only_a_higher_score_beyond_the_last_heading_is_the_boundary(monkeypatch, heading, turn_deg, beyond, status):
     priors, real = [], cell_search.exhaustive
 
     def exhaustive(scan, point_map, prior, space, **options):

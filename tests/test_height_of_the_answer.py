@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """MaximumConsensus from priors of wrong height and tilt: on the ground, over heights, or neither."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The tutorial is done from its first command to its picture, in a shell, as a reader would."""
 
 import json
@@ -49,15 +47,12 @@ def _shown():
     return [body for language, body in FENCE.findall(PAGE.read_text()) if not language]
 
 
-def test_the_tutorial_goes_to_its_end(done):
+def test_the_tutorial_goes_to_its_end_and_shows_what_was_printed(done):
     folder, printed = done
     assert (folder / "poses.png").stat().st_size > 20_000
     assert len(json.loads((folder / "poses.geojson").read_text())["features"]) == 12
     assert len((folder / "poses.tum").read_text().splitlines()) >= 12
     assert printed[-1] == "12 poses, all within 10 cm: True\n"
-
-
-def test_it_shows_what_was_printed(done):
     _, printed = done
     lines = [" ".join(line.split()) for text in printed for line in text.splitlines()]
     plain = {re.sub(r"median \d+ ms", "median N ms", line) for line in lines}

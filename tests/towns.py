@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Small towns of walls on ground, level or sloping, and scans of them."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Points written as LAS or LAZ, in steps of a millimetre if nothing else is said."""
 
 import laspy

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Maps on disk of what is in memory, and ways to change them with checksums that fit, as another program would."""
 
 import json

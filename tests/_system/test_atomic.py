@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Nothing is ever half written: files and folders appear whole, or not at all (D10)."""
 
 import errno

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tasks have the same results wherever they are done, whoever ends meanwhile, and errors arrive in words."""
 
 import os

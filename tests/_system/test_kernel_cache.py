@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled code is kept by what it was made of, and found by a fresh process; other contents go when unused."""
 
 import os

@@ -1,12 +1,19 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
-"""A folder of work is one process's at a time, and never somebody else's; its table grows by whole parts."""
+"""What is read is a file, and never a FIFO; a folder of work is one process's at a time, its table grows by parts."""
+
+import os
+from pathlib import Path
 
 import pyarrow
 import pytest
 
-from maxcon._system.resumable import ResumableTable, differences, work_folder
-from maxcon.errors import FileError
+from maxcon._system.regular_file import open_regular
+from maxcon._system.resumable import ResumableTable, work_folder
+from maxcon.errors import FileError, MaxconError
+from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
+from maxcon.io.geographic_priors import read_nmea
+from maxcon.io.scans import open_scans
+from maxcon.io.text import SCAN_SUFFIXES
+from maxcon.io.trajectories import read_prior, read_trajectory
 
 
 def names(folder):
@@ -46,12 +53,6 @@ def test_somebody_elses_folder_a_file_and_two_at_a_time_are_refused(tmp_path):
         pass
 
 
-def test_differences_are_named():
-    before = {"space": {"half_width": 3.0, "cell": 0.06}, "name": "a"}
-    now = {"space": {"half_width": 3.6, "cell": 0.06}, "name": "a", "more": 1}
-    assert differences(before, now) == "space.half_width 3.0, got 3.6; more None, got 1"
-
-
 @pytest.fixture
 def table(tmp_path):
     schema = pyarrow.schema([("name", pyarrow.string()), ("epoch", pyarrow.int32()), ("x", pyarrow.float64())])
@@ -82,3 +83,45 @@ def test_a_broken_file_is_told(table, content):
     table.part_paths()[0].write_bytes(content)
     with pytest.raises(FileError, match=r"Expected a table in .*parquet, got: .*remove it: the same command"):
         table.read()
+
+
+def test_a_file_is_opened_and_nothing_else(tmp_path):
+    (tmp_path / "a").write_bytes(b"content")
+    (tmp_path / "link").symlink_to(tmp_path / "a")
+    for name in ("a", "link"):
+        with open_regular(tmp_path / name) as file:
+            assert file.read() == b"content"
+    os.mkfifo(tmp_path / "fifo")
+    for path, words in ((tmp_path, "directory"), (tmp_path / "missing", "No such"), (tmp_path / "fifo", "a FIFO, no")):
+        with pytest.raises(OSError, match=words):
+            open_regular(path)
+
+
+def read_scan(path):
+    return open_scans(path).read(0)
+
+
+def read_times(path):
+    (path.parent / "scans").mkdir()
+    (path.parent / "scans" / "1.bin").write_bytes(bytes(16))
+    open_scans(path.parent / "scans", path)
+
+
+@pytest.mark.parametrize(
+    ("read", "suffix"),
+    [
+        *((open_cloud, suffix) for suffix in CLOUD_SUFFIXES),
+        *((read_scan, suffix) for suffix in SCAN_SUFFIXES),
+        (read_nmea, ".nmea"),
+        *((read, suffix) for read in (read_prior, read_trajectory, read_times) for suffix in (".txt", ".tum", ".csv")),
+    ],
+)
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [(os.mkfifo, "a FIFO"), (Path.mkdir, "is a directory|scans of one kind"), (lambda path: None, "no such file")],
+    ids=["fifo", "folder", "nothing"],
+)
+def test_what_is_no_file_as_cloud_scan_trajectory_or_times(tmp_path, read, suffix, make, words):
+    make(tmp_path / f"1{suffix}")
+    with pytest.raises(MaxconError, match=f"(?i){words}"):
+        read(tmp_path / f"1{suffix}")

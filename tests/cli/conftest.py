@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A small drive and its map, the command line in this process and in one of its own, and what an error is."""
 
 import os

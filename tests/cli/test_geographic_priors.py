@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Priors in latitude, longitude and height on the command line: localized as those in the map's coordinates are."""
 
 import numpy as np
@@ -75,9 +73,7 @@ def test_a_receiver_s_log(assert_same, geographic, tmp_path):
     assert_same(path, *words, within=2e-3)
 
 
-def test_heights_of_a_log_that_are_not_the_map_s_are_refused_with_the_log_s_geoid_height(
-    localize, refused, geographic, tmp_path
-):
+def test_heights_of_a_log_that_are_not_the_map_s_are_refused(localize, refused, geographic, tmp_path):
     path, lines = tmp_path / "gnss.nmea", []
     for time, (latitude, longitude, height) in zip(*geographic[:2], strict=True):
         lines += [zda(time), gga(time, latitude, longitude, f"{height:.5f}", 40.0)]

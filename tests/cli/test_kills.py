@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Every command that writes is killed at odd moments: nothing half written, nothing lost that was finished.
 
 SIGKILL cannot be caught: what a command leaves is what it had written. The moments are drawn from the time that it
@@ -22,7 +20,6 @@ import numpy as np
 import pytest
 
 from maxcon.lab.dataset import Dataset
-from s3_buckets import bucket_on, s3_server_here
 from written_las import write_las
 
 pytestmark = pytest.mark.kills
@@ -207,13 +204,6 @@ def test_what_a_killed_command_leaves_is_whole_or_not_there(name, drive, folder_
 
 def _remove(path):
     shutil.rmtree(path) if path.is_dir() else path.unlink()
-
-
-@pytest.fixture
-def bucket(monkeypatch):
-    """Address of an empty bucket."""
-    with s3_server_here() as server, bucket_on(server, monkeypatch) as address:
-        yield address
 
 
 def test_a_killed_copy_to_a_bucket_leaves_no_map_there_and_is_gone_on_with(drive, bucket, maxcon, timed, killed):

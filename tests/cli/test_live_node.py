@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon live` in a process of its own: a drive is played to it over the loopback; it is killed, and starts again."""
 
 import math

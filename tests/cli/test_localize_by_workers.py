@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon localize` by several workers and of many drives: the rows of single calls, in one dataset that goes on."""
 
 import json

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What `maxcon map build`, `info` and `copy` say of a map, in a folder and on an S3 server."""
 
 import json
@@ -9,7 +7,6 @@ import pytest
 
 from localized_poses import rows_of
 from maxcon.map.manifest import read_manifest, write_manifest
-from s3_buckets import bucket_on, s3_server_here
 
 
 @pytest.fixture
@@ -91,28 +88,12 @@ def test_a_map_is_exported_once(maxcon, refused, drive, tmp_path):
 # --- on a server -----------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def server():
-    with s3_server_here() as address:
-        yield address
-
-
-@pytest.fixture
-def bucket(server, monkeypatch):
-    """Address of a bucket; credentials and server are in the environment."""
-    with bucket_on(server, monkeypatch) as address:
-        yield address
-
-
-def test_from_a_copy_on_a_server_to_the_same_poses(maxcon, localize, drive, poses, bucket, tmp_path):
+def test_a_copy_on_a_server_gives_the_same_poses(maxcon, localize, drive, poses, bucket, tmp_path, refused, street_npz):
     city = f"{bucket}/city"
     assert maxcon("map", "copy", drive.city, city).out == f"{city}\n"
     assert maxcon("map", "info", city, "--check").out == maxcon("map", "info", drive.city, "--check").out
     assert localize(city=city).code == 0
     assert rows_of(tmp_path / "poses.csv") == rows_of(poses)
-
-
-def test_what_is_not_on_a_server_and_what_is_not_built_there(maxcon, bucket, refused, street_npz):
     refused(maxcon("map", "info", f"{bucket}/none"), f"{bucket}/none", "no manifest.json there")
     refused(maxcon("map", "build", street_npz, "-o", f"{bucket}/a"), f"map copy FOLDER {bucket}/a")
 

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Outputs that cannot be written: told before the work where that can be, and never half there (D10)."""
 
 import signal

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Recordings on the command line: localized as the files are, described, and refused in a line."""
 
 import numpy as np
@@ -51,11 +49,6 @@ def test_a_recorded_drive_has_the_poses_of_its_files(localize, maxcon, recording
     assert (ended.code, ended.err) == (0, "")
     for word in ("/gnss/fix", "sensor_msgs/msg/NavSatFix", "/points: 4 scans", "x float32 at 0", "normals"):
         assert word in ended.out
-
-
-def test_a_recording_beside_files(localize, recordings, assert_same):
-    assert_same(localize(prior=recordings["mcap"]))
-    assert_same(localize(scans=recordings["bag"], out="b.csv"), "b.csv")
 
 
 def test_what_is_asked_of_a_recording_and_is_not_there(localize, refused, recordings, tmp_path):

@@ -1,6 +1,4 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
-"""What a command cannot use is one line, and nothing is written; every way a file can be wrong is its reader's test."""
+"""What a command cannot use, or needs and is not installed, is one line before the work, and nothing is written."""
 
 import shutil
 
@@ -167,3 +165,38 @@ def test_what_is_there_is_kept_unless_it_is_to_be_replaced(maxcon, refused, stre
     assert (home / "thesis.tex").exists() and street_npz.exists() and (city / "notes.txt").exists()
     names = ["city.map", "empty", "home", "street.npz"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+@pytest.mark.parametrize(
+    ("package", "command", "extra"),
+    [
+        ("embreex", ("demo", "--out", "OUT"), "demo"),
+        ("matplotlib", ("demo", "--out", "OUT"), "demo"),
+        ("jinja2", ("demo", "--out", "OUT"), "demo"),
+        ("embreex", ("simulate", "OUT"), "demo"),
+        ("matplotlib", ("localize", "MAP", "SCANS", "--prior", "PRIOR", "-o", "OUT", "--plot", "PICTURES"), "demo"),
+        ("rerun", ("localize", "MAP", "SCANS", "--prior", "PRIOR", "-o", "OUT", "--view"), "view"),
+        ("rerun", ("relocalize", "MAP", "SCANS", "-o", "OUT", "--save", "OUT.rrd"), "view"),
+        ("rerun", ("export", "POSES", "-o", "OUT.rrd", "--map", "MAP"), "view"),
+        ("distributed", ("localize", "MAP", "SCANS", "-o", "OUT", "--scheduler", "tcp://127.0.0.1:8786"), "engine"),
+        ("cyclonedds", ("live", "MAP", "--ros2"), "ros2"),
+        ("pyogrio", ("export", "POSES", "-o", "OUT.gpkg", "--map", "MAP"), "export"),
+    ],
+)
+def test_what_is_not_installed_is_said(
+    maxcon, refused, without, drive, poses, out, monkeypatch, package, command, extra
+):
+    monkeypatch.setattr("maxcon.lab.demo.simulate", None)
+    without(package)
+    files = {"MAP": drive.city, "SCANS": drive.dataset.scans, "PRIOR": drive.dataset.prior, "POSES": poses}
+    files |= {name: out / name for name in ("OUT", "OUT.gpkg", "OUT.rrd", "PICTURES")}
+    ended = maxcon(*(files.get(word, word) for word in command))
+    refused(ended, package, f"pip install 'maxcon[{extra}]'")
+    assert list(out.iterdir()) == []
+
+
+def test_localizing_needs_no_extra(localize, without):
+    without(
+        "matplotlib", "embreex", "jinja2", "trimesh", "pypcd4", "rosbags", "mcap", "distributed", "pyogrio", "rerun"
+    )
+    assert localize("--workers", "1").code == 0

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon relocalize`: a drive is found without its prior; what cannot work is one line."""
 
 import math

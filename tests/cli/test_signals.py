@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Commands that a signal stops leave nothing half written (D10), also where its exception is swallowed."""
 
 import signal

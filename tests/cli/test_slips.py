@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The slips of new users: each works, or is met with a message that names its cause."""
 
 import math
@@ -108,12 +106,9 @@ def test_scans_that_are_in_the_map_already(localized, drive, rescanned, frame):
     assert f"would be localized were the scans in {frame}: write them in the sensor's frame" in ended.out
 
 
-def test_mirrored_scans_are_told(localized, rescanned):
+def test_scans_that_are_mirrored_or_in_feet_or_millimetres_are_told(localized, rescanned, drive, maxcon):
     ended = localized(scans=rescanned(lambda points, pose: points * [1.0, -1.0, 1.0]))
     assert "were the scans not mirrored: turn the sign of their y" in ended.out  # where one fits by chance, too
-
-
-def test_scans_in_feet_and_millimetres_are_told(localized, drive, rescanned, maxcon):
     ended = localized(scans=rescanned(lambda points, pose: points / 0.3048))
     assert "would be localized were the scans in feet: multiply their coordinates by 0.3048" in ended.out
     ended = localized(scans=(folder := rescanned(lambda points, pose: points * 1000.0)))

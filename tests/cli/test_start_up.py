@@ -1,16 +1,20 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
-"""What is loaded at the start, help, version, and mistyped commands."""
+"""How commands start: nothing heavy, help, refusals of the parser; and those of the README one after the other."""
 
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import maxcon as package
+from localized_poses import rows_of
 from maxcon.cli.flags import TITLES
+from maxcon.drive.poses_table import COLUMNS
+from maxcon.io.trajectories import read_trajectory
+from maxcon.lab import simulation
 
 HEAVY = (
     "numpy numba scipy pyarrow laspy lazrs pyproj matplotlib jinja2 embreex trimesh pypcd4 rich.progress rich.table"
@@ -46,6 +50,11 @@ def test_every_command_has_help_and_the_program_lists_them(maxcon):
         assert (ended.code, ended.err) == (0, "")
         assert f"maxcon {command}" in ended.out and "Traceback" not in ended.out
         assert f"\n  {command.split()[0]} " in said
+    said = {group.splitlines()[0]: group for group in maxcon("localize", "--help").out.split("\n\n")}
+    for group, option in {"Inputs:": "--prior", "Search space:": "--half-width", "Motion:": "--track",
+                          "Output:": "-o, --out", "How it is done:": "--scheduler"}.items():  # fmt: skip
+        assert f"\n  {option} " in said[group]
+    assert maxcon("-h") == maxcon("--help") and maxcon("localize", "-h") == maxcon("localize", "--help")
 
 
 def test_commands_are_completed_in_a_shell():
@@ -71,21 +80,12 @@ def test_help_of_many_options_is_in_groups(maxcon, command):
     assert len(options) == len(set(options)) > 10
 
 
-def test_groups_are_of_localize(maxcon):
-    said = {group.splitlines()[0]: group for group in maxcon("localize", "--help").out.split("\n\n")}
-    for group, option in {"Inputs:": "--prior", "Search space:": "--half-width", "Motion:": "--track",
-                          "Output:": "-o, --out", "How it is done:": "--scheduler"}.items():  # fmt: skip
-        assert f"\n  {option} " in said[group]
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
         ("nonsense",),
-        ("map", "nonsense"),
         ("localize", "--nonsense"),
         ("localize", "m", "s", "--prior", "p", "-o", "o", "--search", "nonsense"),
-        ("localize", "m", "s", "--prior", "p", "-o", "o", "--threads", "0"),
         ("map", "build", "a.laz"),
         ("simulate", "out", "--recording", "tape"),
     ],
@@ -97,5 +97,51 @@ def test_what_the_parser_refuses_ends_with_2(maxcon, arguments):
     assert "Error" in ended.err
 
 
-def test_short_help(maxcon):
-    assert maxcon("-h") == maxcon("--help") and maxcon("localize", "-h") == maxcon("localize", "--help")
+@pytest.fixture
+def run(maxcon, thin_profiles, tmp_path, monkeypatch):
+    """Run a command in the folder; what it printed. Of the city to simulate only a part is mapped, with few points."""
+    part = partial(simulation.simulate, before=30.0, after=20.0, mapping_scanners=thin_profiles)
+    monkeypatch.setattr(simulation, "simulate", part)
+    monkeypatch.chdir(tmp_path)
+
+    def printed(*arguments):
+        ended = maxcon(*arguments)
+        assert (ended.code, ended.err) == (0, ""), ended
+        return ended.out
+
+    return printed
+
+
+def test_from_nothing_to_poses(run, tmp_path):
+    printed = run("simulate", "dataset", "--epochs", "3", "--seed", "7", "--recording", "mcap")
+    clouds = sorted((tmp_path / "dataset" / "map").glob("*.laz"))
+    assert printed.splitlines()[0] == "dataset"
+    assert f"({len(clouds)} files, vehicles are class 64)" in printed
+    assert "map sigma    0 m (map build --sigma 0)\n" in printed
+    for name in ("map/trajectory.txt", "scans", "reference.txt", "prior.txt", "drive.mcap"):
+        assert f"dataset/{name}" in printed and (tmp_path / "dataset" / name).exists()
+    assert "/points: 3 scans" in run("scans", "info", "dataset/drive.mcap")
+
+    given = ("--trajectory", "dataset/map/trajectory.txt", "--vehicle-class", "64", "--sigma", "0")
+    built = run("map", "build", *clouds, *given, "-o", "city.map")
+    info = run("map", "info", "city.map", "--check")
+    assert built == f"city.map\n{info.partition('checked')[0]}"
+    utm, sided = "ETRS89 / UTM zone 32N (EPSG:25832)", "turned to the sensor's side"
+    for words in ("0.06 m", utm, sided, "sigma        0 m, given\n", " ground", "class 64", "are as they were written"):
+        assert words in info
+    assert sum(line.startswith("source") for line in info.splitlines()) == len(clouds)
+
+    files = ("--prior", "dataset/prior.txt", "-o", "poses.csv", "--tum", "poses.txt")
+    printed = run("localize", "city.map", "dataset/scans", *files)
+    assert printed.startswith("3 of 3 epochs localized, median ") and "written to poses.csv" in printed
+    reference, rows = read_trajectory(tmp_path / "dataset" / "reference.txt"), rows_of(tmp_path / "poses.csv")
+    assert list(rows[0]) == list(COLUMNS)
+    assert [row["status"] for row in rows] == ["localized"] * 3
+    assert all(float(row["score"]) > 1.0 for row in rows)
+    for found in (read_trajectory(tmp_path / "poses.csv"), read_trajectory(tmp_path / "poses.txt")):
+        np.testing.assert_allclose(found.times, reference.times, atol=1e-6)
+        assert np.abs(found.positions[:, :2] - reference.positions[:, :2]).max() < 0.06
+        turns = np.angle(np.exp(1j * (found.angles[:, 2] - reference.angles[:, 2])))
+        assert np.abs(np.degrees(turns)).max() < 0.5
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["city.map", "dataset", "poses.csv", "poses.txt"]
+    assert sorted(path.name for path in (tmp_path / "city.map").iterdir()) == ["ground", "manifest.json", "tiles"]

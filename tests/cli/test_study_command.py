@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon study` and `maxcon report`: what they print, what they refuse, and that a kill loses nothing."""
 
 import signal
@@ -109,9 +107,7 @@ class Last:
 """
 
 
-def test_an_objective_of_one_s_own_is_compared_with_ours_alike_and_shown_first(
-    described, maxcon, tmp_path, monkeypatch
-):
+def test_an_objective_of_one_s_own_is_compared_with_ours_alike(described, maxcon, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own_scores.py").write_text(OWN)
     word, out, page = "own_scores:Determinant", tmp_path / "study", tmp_path / "page.html"

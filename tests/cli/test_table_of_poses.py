@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """POSES.csv while it grows: what is localized is kept whatever happens, and gone on with."""
 
 import signal

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Drives recorded for viewers: what was logged is read back and held against the table of poses, scans and map."""
 
 import csv

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon warmup`: what it compiles, what it says, and that nothing is left to compile for real calls."""
 
 import os

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The court: its map, and scans of it in KITTI's format."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Walls around a court, a drive within them, and epochs as a drive yields them."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scans as they come: the answers of a recorded drive, whatever comes late, twice or never; lost, and found again."""
 
 import math

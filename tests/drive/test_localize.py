@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Localizing a drive: what each epoch is told."""
 
 import math
@@ -117,9 +115,7 @@ def test_points_out_of_range_are_left_out(point_map, scan_folder):
             DriveOptions(nearest, farthest)
 
 
-def test_a_gap_in_the_prior_is_not_bridged_unless_allowed_and_another_clock_or_place_is_an_error(
-    point_map, scan_folder
-):
+def test_a_gap_in_the_prior_is_not_bridged_and_another_clock_or_place_is_an_error(point_map, scan_folder):
     poses = prior_of(TIMES).poses()
     sparse = Trajectory.from_poses([9.0, 11.0], [poses[0], poses[3]])
     with pytest.raises(TrajectoryError, match=r"10\.000 to 10\.300 s, but the prior trajectory has none near"):

@@ -1,6 +1,4 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
-"""Tables of poses: what is written reads back, only localized epochs have a pose, a dataset's drive appears whole."""
+"""Tables of poses read back, only localized epochs have one, a dataset's drive appears whole; tables of drives."""
 
 import csv
 import math
@@ -15,6 +13,7 @@ import pytest
 from court_drive import POSE, START, made_epoch
 
 from maxcon import Pose, Status
+from maxcon.drive.many import DriveEntry, read_drives, tasks_of
 from maxcon.drive.poses_table import (
     COLUMNS,
     COVARIANCES,
@@ -63,7 +62,7 @@ def test_the_localized_epochs_read_back_as_a_trajectory(path):
     assert localized_trajectory(epochs[1:2]) is None
 
 
-def test_columns_and_text(path):
+def test_columns_text_and_the_upper_triangle_of_the_covariance(path):
     write_poses(path, [made_epoch(0)])
     header, row = path.read_text().splitlines()
     assert header.split(",") == list(COLUMNS)
@@ -82,9 +81,6 @@ def test_columns_and_text(path):
     names = ("shift_x", "shift_y", "shift_z", "shift_heading_deg", "sigma_x", "sigma_y", "sigma_z", "sigma_heading_deg")
     assert [float(found[name]) for name in names] == [-1.0, 2.0, -0.5, 0.0, 2.0, 3.0, 4.0, 28.6479]
     assert found["crs"] == "EPSG:25832"
-
-
-def test_the_covariance_is_written_as_its_upper_triangle(path):
     half = np.triu(np.arange(36.0).reshape(6, 6) + 1.0)
     epoch = made_epoch(0)
     sure = replace(epoch.estimate, covariance=half + np.triu(half, 1).T, protection_level=(0.12345, math.inf))
@@ -204,3 +200,41 @@ def test_provenance_that_is_none_is_refused(tmp_path, name, check, content):
     (tmp_path / name).write_bytes(content)
     with pytest.raises((FileError, OptionError), match=rf"{name}.*[Nn]ame another folder"):
         getattr(dataset, check)({})
+
+
+def test_paths_are_relative_to_the_table_and_addresses_are_not(tmp_path):
+    table = tmp_path / "drives.csv"
+    table.write_text(
+        '# two days\nname,scans,prior,map\nmonday,a/scans,,\n"tuesday",/b.mcap,"gnss, raw.csv",s3://bucket/city.map\n',
+        encoding="utf-8-sig",
+    )
+    assert read_drives(table, Path("city.map")) == [
+        DriveEntry("monday", tmp_path / "a" / "scans", Path("city.map")),
+        DriveEntry("tuesday", Path("/b.mcap"), "s3://bucket/city.map", tmp_path / "gnss, raw.csv"),
+    ]
+
+
+def test_epochs_go_in_runs_of_neighbours_whatever_is_there_already():
+    entry = DriveEntry("a", Path("scans"), Path("city.map"))
+    runs = [(task.first, task.last) for task in tasks_of(entry, [*range(70), 80, 81, 90])]
+    assert runs == [(0, 32), (32, 64), (64, 70), (80, 82), (90, 91)]
+    assert [(task.first, task.last) for task in tasks_of(entry, range(70), is_track=True)] == [(0, 70)]
+    assert list(tasks_of(entry, [])) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "`array` of length >= 1"), ("name,scans\n", "`array` of length >= 1"),
+        ("name,scans,priors\na,b,c\n", "unknown field `priors`"), ("name,scans\na,scans\nA,scans\n", "got 'A' twice"),
+        ("name,scans\n../a,scans\n", "a folder is named by it"),
+        ("name,scans\na,scans,more\n", "line 2: Expected 2 columns .*, got 3"),
+        ("name,scans\na,\n", r"`drive\[0\].scans`: expected `str` of length >= 1"),
+        ('name,scans\n"a,b\n', "line 2: Expected comma-separated values"), ("\x00\xff", "Expected"),
+    ],
+)  # fmt: skip
+def test_what_is_no_table_is_refused_in_a_line(tmp_path, text, words):
+    (tmp_path / "drives.csv").write_bytes(text.encode("latin-1"))
+    with pytest.raises(FileError, match=words) as refused:
+        read_drives(tmp_path / "drives.csv", Path("city.map"))
+    assert "\n" not in str(refused.value)

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A real drive: a map of 7.8 million points, real scans, and priors that are metres and degrees wrong."""
 
 import numpy as np

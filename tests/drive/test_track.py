@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tracking over a drive from files: what each epoch is told, and where its motion comes from."""
 
 import math
@@ -56,14 +54,11 @@ def test_a_drive_is_tracked(point_map, scans, source):
     assert all(epoch.milliseconds > 0.0 for epoch in epochs[:4])
 
 
-def test_with_odometry_the_prior_is_needed_where_the_track_begins(point_map, scans):
+def test_a_prior_is_needed_where_the_track_begins_and_not_before_nor_behind(point_map, scans):
     epochs = list(track_drive(point_map, scans, prior(range(3)), Tracker(METHOD), odometry()))
     assert [epoch.status for epoch in epochs[5:9]] == [Status.LOCALIZED] * 4
     assert max(errors(epochs)) < 0.06
     assert epochs[8].prior is not None  # where it was expected
-
-
-def test_before_the_prior_begins_there_is_none(point_map, scans):
     epochs = list(track_drive(point_map, scans, prior(range(2, 10)), Tracker(METHOD), odometry()))
     assert [epoch.status for epoch in epochs[:2]] == [Status.NO_PRIOR] * 2
     assert epochs[0].reason == "there is neither a track nor a prior to begin one"

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tracking along a street that repeats itself: what is told apart, found again, and never called localized."""
 
 import math

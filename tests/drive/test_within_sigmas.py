@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A drive searched within the standard deviations of its priors: honest ones, too small ones, huge ones, none."""
 
 import math
@@ -103,15 +101,12 @@ def test_priors_without_a_covariance_are_searched_as_the_method_does(scans, poin
     assert [space.half_width for space in spaces] == [1.5, 3.0, 3.0, 3.0, 1.5]
 
 
-def test_cells_steps_and_heights_are_those_of_the_method():
+def test_cells_steps_and_heights_are_those_of_the_method_and_what_is_refused():
     method = MaximumConsensus(SearchSpace(3.0, 0.12, 2.0, 0.25, 0.24))
     trajectory = Trajectory.from_poses([0.0], [truth(0)], covariance(0.5, 0.6)[None])
     space = WithinSigmas(method, trajectory, sigmas=2.0).at(0.0).space
     assert (space.half_width, space.heading_half_width_deg) == (pytest.approx(1.08), 1.25)
     assert (space.cell, space.heading_step_deg, space.height_half_width) == (0.12, 0.25, 0.24)
-
-
-def test_what_is_refused():
     trajectory = Trajectory.from_poses([0.0], [truth(0)], covariance(0.5, 0.6)[None])
     with pytest.raises(OptionError, match=r"largest half width above 0 m, got 0\.0\. Default: 24 m"):
         WithinSigmas(MaximumConsensus(), trajectory, largest_half_width=0.0)

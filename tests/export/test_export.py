@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Poses for other programs: each format is read back by a program of its own, or by hand."""
 
 import csv

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A map as points: what laspy and our own reader of PLY find in the files is what is in the map."""
 
 import laspy

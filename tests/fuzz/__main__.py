@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Read mutated files of every kind: `python tests/fuzz --inputs 200000 --seed 0`. Linux.
 
 Fine is what reads, or what is refused with an error of the package. Everything else is a finding: another exception,

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Mutations of files: each is what happens to real ones, or what a header could claim."""
 
 import random

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Everything that reads a file from outside: what is called with each mutated one, by name."""
 
 import shutil

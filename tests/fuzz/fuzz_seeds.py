@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Small good files of every kind that is read: what mutations begin with. Others from a folder are added."""
 
 import json

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Mutated inputs, read one after the other in a process with little memory, and the watch over that process."""
 
 import os

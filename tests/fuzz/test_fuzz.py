@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Over a thousand mutated files go through every reader; and what a reader could do wrong is noticed."""
 # ruff: noqa: E402 - what is skipped is skipped before it is imported
 

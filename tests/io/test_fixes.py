@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Fixes of receivers in the coordinates of a map: headings, covariances, heights, and what is refused."""
 
 import math
@@ -43,15 +41,12 @@ def _placed(fixes, orientations=None):
     return placed.trajectory, placed.words
 
 
-def test_geographic_coordinates_and_back():
+def test_geographic_coordinates_and_back_and_north_as_the_projection_says():
     positions = np.random.default_rng(0).uniform([300_000, 5_300_000, -50], [700_000, 6_000_000, 3000], (50, 3))
     places = FRAME.to_geographic(positions)
     assert (places[:, 0] > 47).all() and (places[:, 0] < 55).all() and (places[:, 1] < 13).all()
     np.testing.assert_allclose(FRAME.to_map(places), positions, atol=1e-6)
     np.testing.assert_allclose(FRAME.to_map(places, geoid_height=46.5)[:, 2], positions[:, 2] - 46.5, atol=1e-9)
-
-
-def test_north_is_turned_as_the_projection_says():
     import pyproj
 
     places = np.array([[52.0, 12.0, 0.0], [52.0, 9.0, 0.0], [48.0, 6.5, 0.0]])
@@ -74,15 +69,12 @@ def test_orientations_of_an_imu_are_those_of_thebend():
     assert _placed(_fixes(way), _imu(way))[0].covariances is None  # a receiver that states none does not
 
 
-def test_an_imu_that_does_not_know_north_gives_roll_and_pitch():
+def test_an_imu_that_does_not_know_north_gives_roll_and_pitch_and_bearings_are_named():
     way = bend(turn=0.01)
     poses, words = _placed(_fixes(way, 0.2), _imu(way, off=1.5))
     assert np.abs(poses.angles - way.angles)[8:-8].max() < 0.01
     assert "86 degrees off" in words and "roll and pitch of the latter" in words
     assert math.sqrt(poses.covariances[0, 2, 2]) == pytest.approx(math.sqrt(2.0) * 0.4 / 5.0)
-
-
-def test_bearings_for_headings_are_named():
     way = bend(turn=0.05)
     poses, words = _placed(_fixes(way), _imu(way, as_bearings=True))
     assert "degrees off it (but " in words and "mixed up: bearings count clockwise from north" in words

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tables with latitude, longitude and a height: columns by name, heights told apart, headings of either kind."""
 
 import math

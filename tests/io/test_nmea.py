@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Logs of receivers: positions, dates, sigmas and headings, among all that stands between them in real ones."""
 
 import math

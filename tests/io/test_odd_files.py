@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Real odd files that other programs wrote: each is read rightly, or refused in one line, and nothing is printed."""
 
 import time

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Clouds of any layout: what was put into the bytes comes out of them, and times are understood."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Trajectories in TUM and CSV files: round trips, and every way a file can be wrong."""
 
 import math
@@ -101,18 +99,13 @@ def test_csv_takes_standard_deviations_covariances_in_any_order_and_rows_without
         ("a.txt", "# only a comment\n", r"a\.txt: Expected at least one pose, got none"),
         ("a.txt", b"\xff\xfe\x80" * 50, r"a\.txt, after line 0: Expected a trajectory as UTF-8 text"),
         ("a.txt", b"\0" * 20_000, r"line 1: Expected a trajectory in lines of text, got one of over 10000"),
-        ("a.csv", "", "Expected at least one pose"),
         ("a.csv", HEADER + "1,,,,,,\n", "Expected at least one pose"),
         ("a.csv", "time,x,y,z\n1,2,3,4\n", r"a\.csv, line 1: Expected a header with time,x,.*got no 'roll'"),
         ("a.csv", "time;x;y;z;roll;pitch;heading\n", r"got no 'time' in .*separated by commas"),
-        ("a.csv", "time,x,x,y,z,roll,pitch,heading\n", r"got more than one 'x'"),
         ("a.csv", "time,x,y,z,roll,pitch,heading,heading_deg\n", r"got more than one 'heading'"),
-        ("a.csv", HEADER + "1,2,3,4,0,0,0\n1,2,3,4,0,0,0\n", r"line 3: Expected times that increase"),
         ("a.csv", HEADER + '1,"2,3,4,0,0,0\n', r"line 2: Expected comma-separated values"),
         ("a.csv", SIGMAS.replace(",sigma_y", ""), r"line 1: Expected either cov_x_x,.*got no 'sigma_y'\. Give all"),
-        ("a.csv", SIGMAS.strip() + ",sigma_heading\n", "line 1: .*got more than one 'sigma_heading'"),
         ("a.csv", SIGMAS.strip() + ",cov_x_x\n", "line 1: Expected either cov_x_x,.*got both"),
-        ("a.csv", COVARIANCES.replace(",cov_y_y", ""), "line 1: Expected either .*got no 'cov_y_y'"),
         ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1,1\n2,2,3,4,0,0,0,1,-1,1\n", r"line 3: Expected 'sigma_y' >= 0, got -1"),
         ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,nan,1\n", r"line 2: Expected finite numbers as 'sigma_y', got 'nan'"),
         ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,,1\n", r"line 2: Expected finite numbers as 'sigma_x,.*got ''"),

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a dataset.toml may say, and what is said of one that is wrong."""
 
 import time
@@ -47,12 +45,18 @@ def test_parts_are_named_relative_to_the_file(folder):
     assert (dataset.map_path, dataset.map_trajectory, dataset.crs, dataset.drop) == (None, None, None, None)
     (folder / "dataset.toml").rename(folder / "other.toml")
     assert Dataset.open(folder / "other.toml").map_clouds == dataset.map_clouds
+    dataset = opened(folder, PLAIN.replace('clouds = "map/*.laz"', 'path = "city.map"'))
+    assert (dataset.map_path, dataset.map_clouds) == (folder / "city.map", ())
 
 
-def test_clouds_are_named_once_and_literally(folder):
+def test_clouds_are_named_once_and_literally_with_any_dots(folder):
     (folder / "map/c[1].laz").touch()
     dataset = opened(folder, PLAIN.replace('"map/*.laz"', '["map/c[1].laz", "map/*.laz", "map/a.laz"]'))
     assert [path.name for path in dataset.map_clouds] == ["c[1].laz", "a.laz", "b.laz"]
+    (folder / "map" / "a.1.2.3.laz").touch()
+    clouds = '", "'.join(["map/a.1.2.3.laz"] * 50)
+    dataset = opened(folder, PLAIN.replace('"map/*.laz"', f'["{clouds}"]') + "# " + "a." * 10 + "\n")
+    assert [path.name for path in dataset.map_clouds] == ["a.1.2.3.laz"]
 
 
 @pytest.mark.parametrize("name", ["ground", " Ground", "02"])
@@ -60,11 +64,6 @@ def test_the_ground_can_be_kept_however_it_is_named(folder, name):
     dataset = opened(folder, PLAIN.replace("[scans]", f'drop = ["{name}", "noise"]\n[scans]'))
     assert 2 in dataset.map_options().dropped_classes()
     assert dataset.map_options(keeps_ground=True).drop == ("noise",)
-
-
-def test_a_built_map_stands_in_for_clouds(folder):
-    dataset = opened(folder, PLAIN.replace('clouds = "map/*.laz"', 'path = "city.map"'))
-    assert (dataset.map_path, dataset.map_clouds) == (folder / "city.map", ())
 
 
 def test_what_it_says_of_the_map_becomes_its_options(folder):
@@ -90,9 +89,7 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
         ('"map/*.laz"', '"map/*.laz"\npath = "city.map"', "got both"),
         ("rough =", "reference =", "other than reference"),
         ('clouds = "map/*.laz"', 'path = "city.map"\ncrs = "EPSG:25832"', "beside the path of a built map"),
-        ("map/*.laz", "/", "got none for '/'"),
         ('"reference.txt"', '"nowhere.txt"', "to name what exists"),
-        ('"gnss.txt"', "7", r"at `priors.*`: expected `str`, got `int`"),
         ('"map/*.laz"', '"map/*.laz"\nsigma = nan', "at `map.sigma`: expected `float` >= 0.0"),
         ('"map/*.laz"', '"map/*.laz"\nsigma = inf', "expected `float` <= 1000.0"),
     ],
@@ -141,10 +138,3 @@ def test_deep_keys_are_refused_in_little_memory(folder, text):
     assert time.monotonic() - started < 100.0
     assert tracemalloc.get_traced_memory()[1] < 2**27
     tracemalloc.stop()
-
-
-def test_dots_elsewhere_are_none_of_a_key(folder):
-    (folder / "map" / "a.1.2.3.laz").touch()
-    clouds = '", "'.join(["map/a.1.2.3.laz"] * 50)
-    dataset = opened(folder, PLAIN.replace('"map/*.laz"', f'["{clouds}"]') + "# " + "a." * 10 + "\n")
-    assert [path.name for path in dataset.map_clouds] == ["a.1.2.3.laz"]

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The ground grid of a map: what a cell keeps, and that it comes back from disk as it was."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """PointMap against a dictionary of voxels, its tiles against brute force, and its levels against merging by hand."""
 
 import math
@@ -86,10 +84,6 @@ def test_without_sides_turned_normals_do_not_cancel(seed, n):
     [
         ([[1, 0, 0], [-1, 0, 0]], True, [0, 0, 0]),  # both faces of a thin wall
         ([[1, 0, 0], [-1, 0, 0], [0, 1, 0]], True, [0, 1, 0]),
-        ([[1, 0, 0], [0, 0, 0]], True, [1, 0, 0]),
-        ([[0, 0, 0], [0, 0, 0]], True, [0, 0, 0]),
-        ([[1, 0, 0], [0, 1, 0]], True, [math.sqrt(0.5), math.sqrt(0.5), 0]),
-        ([[1, 0, 0], [-1, 0, 0]], False, [1, 0, 0]),
         ([[0, 0, 0], [1, 0, 0], [-1, 0, 0]], False, [1, 0, 0]),
     ],
 )
@@ -131,7 +125,7 @@ def test_tiles_around_positions_against_all_tiles(seed, n, n_positions, margin):
     assert map_of_tiles(keys, 0.06).keys_around(positions, margin * edge) == wanted
 
 
-def test_a_map_has_the_bounds_of_its_tiles_and_keeps_what_it_is_given():
+def test_a_map_has_the_bounds_of_its_tiles_keeps_what_it_is_given_and_has_a_short_repr():
     empty = PointMap.from_points(NOTHING, NOTHING)
     assert empty.bounds == ((0.0, 0.0), (0.0, 0.0)) and empty.frame == LocalFrame()
     assert not empty.covers(0.0, 0.0, 1e6)
@@ -140,6 +134,10 @@ def test_a_map_has_the_bounds_of_its_tiles_and_keeps_what_it_is_given():
     point_map = PointMap.from_points([[1, -1, 0], [70, 5, 0.0]], np.zeros((2, 3)), frame=frame, is_signed=False)
     np.testing.assert_allclose(point_map.bounds, ((0.0, -30.72), (3 * 30.72, 30.72)))
     assert (point_map.frame, point_map.cell, point_map.is_signed) == (frame, 0.06, False)
+    points, normals = [[0.0, 0.0, 0.0], [40.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]] * 2
+    assert repr(PointMap.from_points(points, normals)) == "PointMap(2 tiles, 61 x 31 m, no CRS)"
+    frame = LocalFrame((0.0, 0.0, 0.0), crs=metric_crs("EPSG:25832"))
+    assert repr(PointMap.from_points(points, normals, frame=frame)).endswith("m, EPSG:25832)")
 
 
 @pytest.mark.parametrize(
@@ -218,10 +216,3 @@ def test_a_level_has_the_edges_of_its_voxels_and_the_tiles_of_its_map(monkeypatc
     for factor in (0, -2, 3, 64):
         with pytest.raises(OptionError, match=rf"2, 4, \.\.\. or 32 times as large as the map's, got {factor}\."):
             point_map.level(factor)
-
-
-def test_its_repr_is_short():
-    points, normals = [[0.0, 0.0, 0.0], [40.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]] * 2
-    assert repr(PointMap.from_points(points, normals)) == "PointMap(2 tiles, 61 x 31 m, no CRS)"
-    frame = LocalFrame((0.0, 0.0, 0.0), crs=metric_crs("EPSG:25832"))
-    assert repr(PointMap.from_points(points, normals, frame=frame)).endswith("m, EPSG:25832)")

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A map on an object store or a web server is the same map; what is wrong there is said in a line, and in time."""
 
 import pickle
@@ -20,7 +18,6 @@ from maxcon.map import storage
 from maxcon.map.manifest import read_manifest
 from maxcon.map.storage import Remote
 from maxcon.map.store import copy_map
-from s3_buckets import bucket_on, s3_server_here
 from written_maps import assert_same_map, said_by, write
 
 
@@ -28,20 +25,6 @@ from written_maps import assert_same_map, said_by, write
 def city(shards):
     """A map of 16 tiles in a folder, in several shards."""
     return shards
-
-
-@pytest.fixture(scope="session")
-def s3_server():
-    """Address of an S3 server."""
-    with s3_server_here() as address:
-        yield address
-
-
-@pytest.fixture
-def bucket(s3_server, monkeypatch):
-    """Address of an empty bucket; credentials and server are in the environment."""
-    with bucket_on(s3_server, monkeypatch) as address:
-        yield address
 
 
 class Ranges(SimpleHTTPRequestHandler):

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon map georeference`: a map in coordinates of its own gets those of a CRS, and says how well it is placed."""
 
 import csv
@@ -64,7 +62,7 @@ def test_a_kilometre_of_poor_fixes_places_a_map_and_tells_how_well(alike):
     """1000 fixes of 2 m, one in 20 of them anywhere within 100 m; sigmas are right within a factor of 1.5."""
     poses = drive(0)[0]
     shifts, turns, sizes = [], [], []
-    for seed in range(20):
+    for seed in range(8):
         found = georeference((places_of_fixes(poses, drive(seed, alike=alike)[1]),))
         shift, turn = errors_of(found, poses.positions)
         shifts.append(np.linalg.norm(shift))
@@ -108,7 +106,7 @@ def slam(tmp_path_factory):
     """A street's map in coordinates of its own, the way of the scanner in it, fixes of the antenna, control points."""
     folder = tmp_path_factory.mktemp("slam")
     write(folder / "slam.map", map_of(WALL, CAR), origin=(0.0, 0.0, 0.0))
-    poses, fixes = drive(3, noise=0.02, lever=1.0)
+    poses, fixes = drive(3, n=400, noise=0.02, lever=1.0)
     write_tum(folder / "poses.tum", poses)
     write_tum(folder / "fixes.tum", fixes)
     (folder / "antenna.toml").write_text(f"[sensor]\nposition = [0, 0, 1.8]\n[prior]\nposition = {[0.8, -0.4, 3.0]}\n")
@@ -159,11 +157,11 @@ def test_residuals_are_a_table_and_a_picture_and_poses_are_moved_along(slam, tmp
         tmp_path / "a.map", "--residuals", table, "--picture", picture, "--poses-out", poses,
     )  # fmt: skip
     rows = list(csv.DictReader(table.open(newline="")))
-    assert len(rows) == 1004
+    assert len(rows) == 404
     assert [row["name"] for row in rows[:4]] == ["p0", "p1", "p2", "p3"]
     n_outliers = sum(row["is_outlier"] == "1" for row in rows)
-    assert f"{n_outliers} of 1004 places are outliers" in said
-    assert n_outliers == pytest.approx(50, abs=15)
+    assert f"{n_outliers} of 404 places are outliers" in said
+    assert n_outliers == pytest.approx(20, abs=10)
     assert picture.read_bytes()[:4] == b"\x89PNG"
     wanted = TURN.apply(read_trajectory(slam / "poses.tum").positions.copy()) + TO
     assert np.abs(read_trajectory(poses).positions - wanted).max() < 0.02
@@ -182,9 +180,7 @@ def test_poses_follow_a_map_that_control_points_place_and_outliers_have_names(sl
 
 
 @pytest.mark.parametrize(("crs", "accuracy"), [("EPSG:25832", 1.0), ("EPSG:31467", 3.0)])
-def test_a_receiver_is_believed_to_be_in_the_datum_of_the_crs_unless_its_places_have_to_be_moved(
-    slam, tmp_path, crs, accuracy
-):
+def test_a_receiver_is_in_the_datum_of_the_crs_unless_its_places_are_moved(slam, tmp_path, crs, accuracy):
     fixes = read_trajectory(slam / "fixes.tum")
     places = GeographicFrame("EPSG:25832").to_geographic(fixes.positions)
     rows = np.column_stack([fixes.times, places])

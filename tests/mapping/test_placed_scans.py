@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon map build --scans --poses`: a drive becomes a map in which other scans of the street find their place."""
 
 import shutil

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 import matplotlib
 import numpy as np
 import pytest
@@ -38,7 +36,7 @@ def test_nothing_is_left_behind_when_writing_fails(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_voxels_over_each_square_are_counted():
+def test_voxels_over_each_square_are_counted_and_large_windows_have_larger_squares():
     points = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 1.5], [-1.5, 2.5, 0.5], [40.0, 0.0, 0.0]])
     point_map = maxcon.PointMap.from_points(points, np.zeros_like(points), cell=1.0)
     covered, n_voxels = count_voxels(point_map, Window(-2.0, 2.0, -1.0, 3.0))
@@ -46,9 +44,6 @@ def test_voxels_over_each_square_are_counted():
     expected[1, 2], expected[3, 0] = 2, 1
     np.testing.assert_array_equal(n_voxels, expected)
     assert covered == (-2.0, 2.0, -1.0, 3.0)
-
-
-def test_large_windows_have_larger_squares():
     _, n_voxels = count_voxels(yard().point_map, Window.around(0.0, 0.0, 500.0))
     assert max(n_voxels.shape) <= 701
     assert n_voxels.sum() == len(yard().point_map.all_voxels()[0])

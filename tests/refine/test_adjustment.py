@@ -1,6 +1,4 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
-"""The adjusted pose on scenes whose true pose is known, and its partners against a plain search for them."""
+"""The adjusted pose on scenes whose true pose is known, its partners and its covariance, against plain code."""
 
 import math
 from dataclasses import replace
@@ -13,10 +11,8 @@ from hypothesis import strategies as st
 from maxcon import PointMap, Pose, Scan
 from maxcon.geometry import wrap_angle
 from maxcon.lab.evaluation import pose_error
-from maxcon.refine import kernels, partner_kernels, refine
-from maxcon.refine.adjustment import REACH
-
-HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+from maxcon.refine import covariance, map_covariance, partner_kernels, refine
+from maxcon.refine.adjustment import CLUSTER_EDGE, MATCH_SIGMA, N_BINS, REACH, SCATTER_FACTORS, STEEPEST, WALL_RATIO
 
 
 def off(truth, rng, metres=0.09, degrees=0.25):
@@ -161,22 +157,76 @@ def test_partners_are_those_of_a_plain_search(seed, along, around):
             assert plane[3] == pytest.approx(wanted[0] @ wanted[1], abs=1e-9)
 
 
-@given(st.integers(0, 2**32))
-def test_gradients_are_those_of_the_distances(seed):
-    """The pull of one point is how its distance falls with each unknown: against differences."""
-    rng = np.random.default_rng(seed)
-    point, normal = rng.uniform(-20, 20, (1, 3)), rng.normal(size=3)
-    normal /= np.linalg.norm(normal)
-    plane = np.array([[*normal, rng.uniform(-5, 5)]])
-    unknowns = np.concatenate([rng.uniform(-3, 3, 3), rng.uniform(-0.2, 0.2, 2), rng.uniform(-3, 3, 1)])
+def plain_covariance(refined, map_sigma):
+    """The docstring's words, point by point."""
+    pose = refined.pose
+    at = np.array([pose.x, pose.y, pose.z, pose.roll, pose.pitch, pose.heading])
+    pulls, walls = {}, {}
+    A = np.diag(refined.start_weights)
+    for point, plane, residual, weight in zip(
+        refined.points, refined.planes, refined.residuals, refined.weights, strict=True
+    ):
+        if weight == 0.0:
+            continue
+        gradient = np.empty(6)
+        for k in range(6):
+            step = np.zeros(6)
+            step[k] = 1e-5
+            there, back = Pose(*(at + step)).apply(point[None])[0], Pose(*(at - step)).apply(point[None])[0]
+            gradient[k] = plane[:3] @ (there - back) / 2e-5
+        own_bin = N_BINS
+        if abs(plane[2]) <= STEEPEST:
+            own_bin = math.floor(math.atan2(plane[1], plane[0]) / (2 * math.pi) * N_BINS) % N_BINS
+        cube = tuple(np.floor(point / CLUSTER_EDGE).astype(int))
+        depth = math.floor((plane[3] - plane[:3] @ pose.position) / CLUSTER_EDGE)
+        pulls[cube, own_bin] = pulls.get((cube, own_bin), 0.0) + weight * residual * gradient
+        walls[depth, own_bin] = walls.get((depth, own_bin), 0.0) + weight * gradient
+        A = A + weight * np.outer(gradient, gradient)
+    scatter = sum(np.outer(pull, pull) for pull in pulls.values()) + np.diag(refined.start_weights) * MATCH_SIGMA**2
+    wall = sum(np.outer(pull, pull) for pull in walls.values())
+    inverse = np.linalg.inv(A)
+    factors = np.diag(SCATTER_FACTORS)
+    of_map = np.diag(np.array([1, 1, 1, 1 / 20, 1 / 20, 1 / 50]) * map_sigma) ** 2
+    of_walls = (WALL_RATIO * map_sigma) ** 2 * inverse @ wall @ inverse
+    return factors @ inverse @ scatter @ inverse @ factors + of_walls + of_map
 
-    def distance(at):
-        return plane[0, 3] - normal @ Pose(*at).apply(point)[0]
 
-    pull = np.zeros((1, 6))
-    kernels.sum_gradients(point, plane, np.zeros(1, np.int64), unknowns, np.ones(1), pull)
-    for k in range(6):
-        step = np.zeros(6)
-        step[k] = 1e-6
-        falls = (distance(unknowns - step) - distance(unknowns + step)) / 2e-6
-        assert pull[0, k] == pytest.approx(falls, abs=1e-6)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_it_is_what_its_words_say(yard, seed):
+    scan, point_map, truth = yard(seed, noise=0.01, share_with_normals=0.6)
+    refined = refine(Scan(scan.points[::4], scan.normals[::4]), point_map, truth.translated([0.03, 0.02, 0.0]))
+    got, wanted = covariance(refined, 0.013), plain_covariance(refined, 0.013)
+    scale = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(got / scale / scale[:, None], wanted / scale / scale[:, None], atol=1e-4)
+    assert np.linalg.eigvalsh(got / scale / scale[:, None]).min() > 0.0
+
+
+def test_the_map_adds_what_it_is_wrong_by_and_single_walls_three_tenths_of_it(yard):
+    scan, point_map, truth = yard(0)
+    refined = refine(Scan(scan.points[::4], scan.normals[::4]), point_map, truth)
+    np.testing.assert_allclose(np.sqrt(np.diag(map_covariance(0.05))), [0.05] * 3 + [0.0025, 0.0025, 0.001], rtol=1e-6)
+    of_walls = covariance(refined, 0.05) - covariance(refined, 0.0) - map_covariance(0.05)
+    wanted = plain_covariance(refined, 0.05) - plain_covariance(refined, 0.0) - map_covariance(0.05)
+    assert (CLUSTER_EDGE, STEEPEST, WALL_RATIO) == (3.0, 0.7, 0.3)
+    np.testing.assert_allclose(np.diag(of_walls), np.diag(wanted), rtol=1e-3)
+    sigmas = np.sqrt(np.diag(of_walls))
+    assert (sigmas > 0.0).all() and (sigmas[:3] < WALL_RATIO * 0.05).all()
+
+
+def test_between_two_walls_the_open_direction_is_as_uncertain_as_the_start():
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.choice([-5.0, 6.0], 6000), rng.uniform(-9, 9, 6000), rng.uniform(-1, 4, 6000)])
+    normals = np.column_stack([-np.sign(points[:, 0]), np.zeros(6000), np.zeros(6000)])
+    refined = refine(Scan(points, normals), PointMap.from_points(points, normals), Pose(0, 0, 0, 0, 0, 0))
+    sigmas = np.sqrt(np.diag(covariance(refined, 0.0)))
+    assert sigmas[0] < 0.01
+    assert 0.3 < sigmas[1] < 1.5
+
+
+def test_without_partners_it_is_that_of_the_start(yard):
+    scan, _, truth = yard(0)
+    nothing = PointMap.from_points(np.empty((0, 3)), np.empty((0, 3)))
+    sigmas = np.sqrt(np.diag(covariance(refine(scan, nothing, truth), 0.0)))
+    start = [1.0, 1.0, 0.3, math.radians(1), math.radians(1), math.radians(5)]
+    # The factors by which the coverage of docs/certainty.md was measured.
+    np.testing.assert_allclose(sigmas, np.multiply([1.2, 1.2, 1.35, 1.35, 1.35, 1.2], start))

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Candidates of open spaces: adjusted from large cells, scored where they come to rest."""
 
 import math
@@ -65,11 +63,20 @@ def test_a_window_within_reach_of_the_adjustment_needs_no_large_cells(town, monk
     assert (found.pose.x, found.pose.y) == pytest.approx((TRUTH.x, TRUTH.y), abs=0.02) and rest == 0.0
 
 
-def test_two_starts_at_one_place_are_one_candidate_and_what_matches_nothing_is_none(town):
+def test_twins_make_an_answer_ambiguous():
+    point_map, scan = twins(30.0)
+    answer = MaximumConsensus(SearchSpace(18.0)).localize(scan, point_map, beside(14.0))
+    assert answer.status is Status.AMBIGUOUS and answer.runner_up > 0.9
+
+
+def test_starts_at_one_place_are_one_candidate_that_keeps_its_height_and_no_match_is_none(town):
     point_map, scan = town
     near = [adjusted_candidate(scan.sample, point_map, beside(dx), FROM_LARGE_CELLS, SCORING) for dx in (-0.2, 0.2)]
     far = adjusted_candidate(scan.sample, point_map, beside(0.0, z=50.0), FROM_LARGE_CELLS, SCORING)
     assert distinct([*near, far]) == [max(near, key=lambda each: each.score)]
+    point_map, scan = town
+    start = beside(0.3, 0.2, turn_deg=0.8)
+    assert abs(adjusted_candidate(scan.sample, point_map, start, FROM_LARGE_CELLS, SCORING).pose.z - TRUTH.z) < 0.03
 
 
 def test_a_mirrored_scan_that_fits_a_street_with_like_sides_is_told():
@@ -86,18 +93,6 @@ def test_a_mirrored_scan_that_fits_a_street_with_like_sides_is_told():
     told = MaximumConsensus().localize(mirrored, point_map, prior)
     assert told.status is Status.MISFIT and "mirror image" in told.reason
     assert MaximumConsensus().localize(scan, point_map, prior).is_localized
-
-
-def test_twins_make_an_answer_ambiguous():
-    point_map, scan = twins(30.0)
-    answer = MaximumConsensus(SearchSpace(18.0)).localize(scan, point_map, beside(14.0))
-    assert answer.status is Status.AMBIGUOUS and answer.runner_up > 0.9
-
-
-def test_height_is_kept_while_partners_are_far_where_the_map_has_no_ground(town):
-    point_map, scan = town
-    start = beside(0.3, 0.2, turn_deg=0.8)
-    assert abs(adjusted_candidate(scan.sample, point_map, start, FROM_LARGE_CELLS, SCORING).pose.z - TRUTH.z) < 0.03
 
 
 def test_the_coarse_sample_is_thin_and_without_the_ground():

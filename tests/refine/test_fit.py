@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tests of the fit: right answers pass, distorted scans and shifted maps are noticed, named and measured."""
 
 import math

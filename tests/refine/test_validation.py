@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Validation of a best cell: what stays in doubt, what the ground is worth, which walls are missing, and the words."""
 
 import math
@@ -16,7 +14,6 @@ from maxcon.refine import (
     GroundFit,
     Refined,
     WallShare,
-    kernels,
     least_wall_share,
     refine,
     validate,
@@ -146,25 +143,6 @@ def test_the_orientation_bin_with_the_lowest_share_is_given():
     assert missing.words == f"of {missing.n_points} wall points facing 165 degrees from +x (of 180) 0 lie on the map"
     bare = Scan(across[0], np.zeros_like(across[1]))
     assert least_wall_share(refine(bare, point_map, here)) is None
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_counts_are_those_of_azimuths(seed):
-    rng = np.random.default_rng(seed)
-    normals = rng.normal(size=(500, 3))
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    normals[:100] = 0.0
-    normals[100:103] = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    residuals, rotation = rng.normal(0.0, 0.1, 500), Pose(0.0, 0.0, 0.0, 0.1 * seed, 0.0, 0.3 * seed).rotation
-    n_points, n_found = np.zeros(6, np.int64), np.zeros(6, np.int64)
-    kernels.count_walls(normals, residuals, rotation, 0.5, 0.08, n_points, n_found)
-    turned = normals @ rotation.T
-    is_wall = turned.any(axis=1) & (np.abs(turned[:, 2]) < 0.5)
-    azimuths = np.arctan2(turned[is_wall, 1], turned[is_wall, 0]) % math.pi
-    bins = np.minimum((azimuths / math.pi * 6).astype(int), 5)
-    is_found = np.abs(residuals[is_wall]) <= 0.08
-    assert n_points.tolist() == np.bincount(bins, minlength=6).tolist()
-    assert n_found.tolist() == np.bincount(bins[is_found], minlength=6).tolist()
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A scan is found in a whole map, at any heading, on level ground and on a slope; or it is said why not."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Deskewing: a simulated sensor in motion sees what it saw standing; real scans become the published ones."""
 
 import math
@@ -51,15 +49,12 @@ def test_a_scan_at_15_m_s_and_30_degrees_s_is_that_of_a_sensor_that_stands(refer
     assert errors.max() < 0.01
 
 
-def test_poses_ten_times_a_second_are_enough():
+def test_poses_ten_times_a_second_are_enough_also_a_little_beyond_them():
     places = _scene()
     times = np.linspace(0.0, TURN, len(places))
     errors = deskew(_seen(places, times), times, _motion(step=0.1), 0.05) - _pose(0.05).inverse.apply(places)
     assert np.linalg.norm(errors, axis=1).max() < 0.08
     assert np.median(np.linalg.norm(errors, axis=1)) < 0.03
-
-
-def test_the_motion_goes_on_a_little_beyond_its_poses():
     places = _scene(500)
     times = np.linspace(0.0, TURN, len(places))
     motion = _motion(start=0.02, end=0.08)
@@ -73,7 +68,7 @@ def test_a_sensor_that_stands_sees_what_it_sees():
     np.testing.assert_allclose(deskew(points, np.linspace(0, 1, len(points)), still, 0.3, 1.0), points, atol=1e-12)
 
 
-def test_a_motion_that_does_not_cover_the_scan_is_refused():
+def test_motions_and_times_that_do_not_fit_the_scan_are_refused():
     points, times = np.ones((2, 3)), [0.0, 0.1]
     for motion, words in (
         (_motion(start=0.4, end=0.5), "over the scan"),
@@ -82,9 +77,6 @@ def test_a_motion_that_does_not_cover_the_scan_is_refused():
     ):
         with pytest.raises(TrajectoryError, match=words):
             deskew(points, times, motion, 0.05)
-
-
-def test_times_that_do_not_fit_the_points_are_refused():
     for times in ([0.0], [0.0, math.nan], [[0.0, 0.1]]):
         with pytest.raises(ArrayError, match="one per point"):
             deskew(np.ones((2, 3)), times, _motion(), 0.0)

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Mounting: poses of the scanner from those of an antenna, an IMU or an odometer on the same vehicle."""
 
 import math
@@ -38,7 +36,7 @@ def _same(one, other):
     np.testing.assert_allclose(dots, 1.0, atol=1e-12)
 
 
-def test_poses_of_the_scanner_from_those_of_the_antenna():
+def test_poses_of_the_scanner_from_those_of_the_antenna_or_its_course_over_ground():
     vehicle = _drive()
     times = np.arange(len(vehicle))
     prior = Trajectory.from_poses(times, [pose @ T_VEHICLE_PRIOR for pose in vehicle])
@@ -47,9 +45,6 @@ def test_poses_of_the_scanner_from_those_of_the_antenna():
     _same(mounting.of_prior(prior), sensor)
     _same(mounting.of_odometry(prior), sensor)
     _same(Mounting(T_VEHICLE_SENSOR, T_VEHICLE_PRIOR).of_odometry(sensor), sensor)
-
-
-def test_the_course_over_ground_is_the_vehicle_s():
     vehicle = _drive()
     times = np.arange(len(vehicle))
     antennas = [pose @ Pose(*T_VEHICLE_PRIOR.position.tolist(), 0, 0, 0) for pose in vehicle]
@@ -73,13 +68,26 @@ def test_covariances_follow_the_lever_arm():
     assert np.isnan(sensor_trajectory(unknown, T_part_sensor).covariances).all()
 
 
-def test_a_file(tmp_path):
+def test_a_file_of_one_scanner_of_several_and_none(tmp_path):
     path = tmp_path / "mounting.toml"
     path.write_text(TEXT)
     mounting = read_mounting(path)
     np.testing.assert_allclose(mounting.T_vehicle_sensor.values, [1.1, 0.2, 1.9, *np.radians([1.0, -2.0, 90.0])])
     np.testing.assert_allclose(mounting.T_vehicle_prior.values, [-0.4, 0.3, 1.6, 0, 0, 0])
     assert mounting.T_vehicle_odometry is None
+    path.write_text(
+        "[prior]\nposition = [0, 0, 1]\n[scanner.front]\ntopic = '/front'\nposition = [1, 0, 0]\n"
+        "[scanner.rear]\nscans = 'rear.bag'\ntopic = '/rear'\nheading_deg = 180\n"
+    )
+    mounting = read_mounting(path)
+    front, rear = mounting.scanners
+    assert (front.name, front.topic, front.scans) == ("front", "/front", None)
+    assert (rear.name, rear.topic, rear.scans) == ("rear", "/rear", tmp_path / "rear.bag")
+    np.testing.assert_allclose(front.T_vehicle_sensor.position, [1, 0, 0])
+    assert abs(rear.T_vehicle_sensor.heading) == pytest.approx(np.pi)
+    np.testing.assert_allclose(mounting.T_vehicle_sensor.values, 0.0)
+    with pytest.raises(FileError, match=r"none\.toml"):
+        read_mounting(tmp_path / "none.toml")
 
 
 @pytest.mark.parametrize(
@@ -101,23 +109,3 @@ def test_what_is_no_mounting_is_refused(tmp_path, text, words):
     with pytest.raises(FileError, match=words) as error:
         read_mounting(path)
     assert "mounting.toml" in str(error.value) and "\n" not in str(error.value)
-
-
-def test_several_scanners(tmp_path):
-    path = tmp_path / "mounting.toml"
-    path.write_text(
-        "[prior]\nposition = [0, 0, 1]\n[scanner.front]\ntopic = '/front'\nposition = [1, 0, 0]\n"
-        "[scanner.rear]\nscans = 'rear.bag'\ntopic = '/rear'\nheading_deg = 180\n"
-    )
-    mounting = read_mounting(path)
-    front, rear = mounting.scanners
-    assert (front.name, front.topic, front.scans) == ("front", "/front", None)
-    assert (rear.name, rear.topic, rear.scans) == ("rear", "/rear", tmp_path / "rear.bag")
-    np.testing.assert_allclose(front.T_vehicle_sensor.position, [1, 0, 0])
-    assert abs(rear.T_vehicle_sensor.heading) == pytest.approx(np.pi)
-    np.testing.assert_allclose(mounting.T_vehicle_sensor.values, 0.0)
-
-
-def test_no_file(tmp_path):
-    with pytest.raises(FileError, match=r"mounting\.toml"):
-        read_mounting(tmp_path / "mounting.toml")

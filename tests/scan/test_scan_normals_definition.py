@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Normals of a scan against their definition: one point at a time, as the page of the decision tells it.
 
 The definition and the compiled code share numbers (heights, gates, ratios), directions (held to numpy's by tests of
@@ -19,18 +17,8 @@ from hypothesis import strategies as st
 
 from maxcon.scan import grid_kernels as grids
 from maxcon.scan import normal_kernels as rules
+from maxcon.scan import window_kernels as windows
 from maxcon.scan.scan import estimate_scan_normals
-from maxcon.scan.window_kernels import (
-    BANDS,
-    GROWTH,
-    HIGHEST,
-    LEAST_NEIGHBOURS,
-    LEAST_SPREAD,
-    WINDOWS,
-    azimuths_of,
-    elevations_of,
-    first_windows,
-)
 
 LEAST_LEVEL = 1e-3  # m: straight above the sensor, no angle to the side is enough
 
@@ -55,15 +43,17 @@ class Outcome(NamedTuple):
 
 def sorted_by_direction(points):
     """Directions of points, and the number of each in the scan."""
-    elevations, azimuths = elevations_of(points.ravel()), azimuths_of(points.ravel())
+    elevations, azimuths = windows.elevations_of(points.ravel()), windows.azimuths_of(points.ravel())
     lowest, highest = elevations.min(), elevations.max()
-    first = np.empty(BANDS, np.int64)
-    row_step = WINDOWS[first_windows(elevations, azimuths, lowest, highest, first)] / grids.CELLS_PER_WINDOW
+    first = np.empty(windows.BANDS, np.int64)
+    row_step = (
+        windows.WINDOWS[windows.first_windows(elevations, azimuths, lowest, highest, first)] / grids.CELLS_PER_WINDOW
+    )
     n_rows = int((highest - lowest) / row_step + 1.0)
     n_columns = min(grids.MOST_COLUMNS, int(2.0 * np.pi / row_step))
     rows = ((elevations - lowest) / row_step).astype(int)
     columns = ((azimuths + np.pi) / (2.0 * np.pi) * n_columns).astype(int) % n_columns
-    heights = np.array(WINDOWS)[first[rows * BANDS // n_rows]]
+    heights = np.array(windows.WINDOWS)[first[rows * windows.BANDS // n_rows]]
     order = np.lexsort((*points.T[::-1], azimuths, columns, rows))
     in_order = [values[order] for values in (points, rows, columns)]
     return Directions(*in_order, row_step, n_columns, heights[order]), order
@@ -99,7 +89,7 @@ def candidates_of(scan, i, height):
 def plane_of(neighbours, point, height):
     """Unit normal, turned to the sensor, or zeros, and whether the neighbours are spread in two dimensions."""
     nothing, level = np.zeros(3), np.hypot(*point[:2])
-    if len(neighbours) < LEAST_NEIGHBOURS or level == 0.0:
+    if len(neighbours) < windows.LEAST_NEIGHBOURS or level == 0.0:
         return nothing, False
     along = np.array([-point[1], point[0], 0.0]) / level
     up = np.cross(point, along) / np.linalg.norm(point)
@@ -109,7 +99,7 @@ def plane_of(neighbours, point, height):
     deviation = np.sqrt(np.mean((to_top - slope * to_side) ** 2))
     _, sizes, axes = np.linalg.svd(offsets, full_matrices=False)
     _, middle, smallest = sizes / np.sqrt(len(neighbours))
-    least = max(LEAST_SPREAD * height * np.linalg.norm(point), rules.LEAST_SPREAD_METRES)
+    least = max(windows.LEAST_SPREAD * height * np.linalg.norm(point), rules.LEAST_SPREAD_METRES)
     if deviation < least or middle < least:
         return nothing, False
     if smallest**2 > rules.FLATNESS * middle**2:
@@ -123,8 +113,8 @@ def outcome_at(scan, i):
     distance = np.linalg.norm(point)
     first_height = max(scan.first_heights[i], rules.NEAR_METRES / max(distance, 1e-3))
     for growths in range(rules.MOST_GROWTHS + 1):
-        height = GROWTH**growths * first_height
-        if height > HIGHEST:
+        height = windows.GROWTH**growths * first_height
+        if height > windows.HIGHEST:
             return Outcome(np.zeros(3), growths, "too high", was_picked)
         picked, is_full, was_picked = candidates_of(scan, i, height)
         gate = max(rules.GATE_METRES, rules.GATE * height * distance)
@@ -178,7 +168,7 @@ RINGS_DEG = {
 }  # fmt: skip
 
 
-def beams_of(layout, azimuth, rng, n=900):
+def beams_of(layout, azimuth, rng, n=600):
     """About n unit vectors within 17 degrees of an azimuth (rad), and the moment of each, 0 to 1."""
     if layout == "a cone":  # solid state: directions at random
         turns, elevations = rng.uniform(-0.3, 0.3, n), np.arcsin(rng.uniform(-0.3, 0.3, n))
@@ -228,13 +218,13 @@ LAYOUTS = [*RINGS_DEG, "a cone"]
 def test_planes_and_corners(layout, planes):
     ends = assert_as_defined(scene(layout, planes, azimuth=0.7))
     if planes == "a wall" and layout != "1 ring":
-        assert ends["plane"] > 200
+        assert ends["plane"] > 130
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_deskewed_and_thinned(layout):
     assert_as_defined(scene(layout, "a wall", azimuth=-1.0, speed=15.0))
-    points = scene(layout, "a corner", azimuth=2.0, n=1500)
+    points = scene(layout, "a corner", azimuth=2.0, n=1000)
     _, kept = np.unique(np.floor(points / 0.2).astype(int), axis=0, return_index=True)
     assert len(kept) < 0.95 * len(points)
     assert_as_defined(points[kept])
@@ -246,13 +236,13 @@ def test_across_the_seam_of_azimuths(layout, azimuth):
     points = scene(layout, "a corner", azimuth)
     assert (points[:, 1] > 0.0).any()
     assert (points[:, 1] < 0.0).any()
-    assert assert_as_defined(points)["plane"] > 200
+    assert assert_as_defined(points)["plane"] > 130
 
 
 @pytest.mark.parametrize("azimuth", [0.0, np.pi / 2.0, np.pi])
 def test_along_the_axes_without_noise(azimuth):
     """Of the columns that give a normal, all but one are next to nothing."""
-    assert assert_as_defined(scene("16 rings", "a wall close by", azimuth, noise=0.0))["plane"] > 200
+    assert assert_as_defined(scene("16 rings", "a wall close by", azimuth, noise=0.0))["plane"] > 130
 
 
 def test_duplicates_echoes_and_points_without_a_direction():
@@ -268,11 +258,11 @@ def test_duplicates_echoes_and_points_without_a_direction():
     assert assert_as_defined(np.random.default_rng(0).permutation(many))["plane"] > 200
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_scattered_points(seed):
     rng = np.random.default_rng(seed)
-    assert_as_defined(rng.uniform(-6.0, 6.0, (1200, 3)) * [1.0, 1.0, 0.3])
-    assert_as_defined(rng.normal(size=(800, 3)) * [0.3, 0.5, 0.02] + [6.0, 3.0, 1.0])
+    assert_as_defined(rng.uniform(-6.0, 6.0, (800, 3)) * [1.0, 1.0, 0.3])
+    assert_as_defined(rng.normal(size=(500, 3)) * [0.3, 0.5, 0.02] + [6.0, 3.0, 1.0])
 
 
 def test_the_scenes_bring_every_end_about():
@@ -280,7 +270,7 @@ def test_the_scenes_bring_every_end_about():
     bush = np.random.default_rng(0).normal(size=(300, 3)) + [8.0, 0.0, 0.0]
     ends = assert_as_defined(bush)
     for layout, planes in (("16 rings", "a wall close by"), ("uneven rings", "a wall"), ("64 rings", "a wall")):
-        ends += assert_as_defined(scene(layout, planes))
+        ends += assert_as_defined(scene(layout, planes, n=900))
     for end in ("plane", "not flat", "full", "too high", "not worthwhile", "picked", "grown"):
         assert ends[end] > 20, end
 

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Of the points in each cube one is kept, whatever their order."""
 
 import numpy as np
@@ -72,12 +70,9 @@ def test_a_thinned_scan_has_measured_points_with_the_normals_of_the_whole_scan()
     assert (again.normals == thinned.normals).all()
 
 
-def test_points_on_both_sides_of_the_sensor_and_far_away():
+def test_points_on_both_sides_and_far_away_and_edges_of_0_and_empty_scans():
     points = np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [1e300, 0.0, 0.0], [-1e18, 3.0, 0.0], [-1e18, 3.1, 0.0]])
     assert one_per_cube(points, np.zeros((5, 3)), 0.25).tolist() == [0, 1, 2, 4]  # 4 is nearer to the middle
-
-
-def test_all_points_are_kept_with_an_edge_of_0_and_of_an_empty_scan():
     scan = Scan([[1.0, 2.0, 3.0]] * 3, np.zeros((3, 3)))
     assert scan.thinned(0.0) is scan
     empty = Scan(np.empty((0, 3)), np.empty((0, 3)))

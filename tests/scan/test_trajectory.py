@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Trajectory: what it accepts, the pose at any time, many positions at once."""
 
 import math
@@ -84,9 +82,7 @@ def test_nearly_unit_quaternions_are_normalized():
     ("times", "quaternion", "covariance", "words"),
     [
         ([0.0, 1.0, 1.0], IDENTITY, KNOWN, r"Row 2 .*increase, got 1\.0+ s after 1\.0+ s.*Sort"),
-        ([0.0, 1.0, 0.5], IDENTITY, KNOWN, r"Row 2 .*increase"),
         ([0.0, math.nan, 2.0], IDENTITY, KNOWN, "Row 1 .*finite"),
-        ([0.0, 1.0, math.inf], IDENTITY, KNOWN, "Row 2 .*finite"),
         ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 0.0), KNOWN, "Row 1 .*unit quaternion.*length 0"),
         ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 2.0), KNOWN, "Row 1 .*unit quaternion.*length 2.*order of the columns"),
         ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, math.nan), KNOWN, "Row 1 .*finite"),
@@ -173,7 +169,7 @@ def test_close_to_a_pose_it_is_between_the_two_where_they_are_close():
     assert trajectory.at(1000.1005).x == pytest.approx(UTM[0] + 1.0, abs=1e-6)  # a gap begins
 
 
-def test_positions_at_many_times():
+def test_positions_at_many_times_at_one_pose_and_at_none():
     trajectory = drive([0.0, 0.4, 2.0, 2.2])
     times = [0.0, 0.1, 0.4, 0.6, 0.7, 1.2, 1.8, 2.0, 2.1, 2.4, 2.5, -0.2, -0.3, math.nan, math.inf, -math.inf]
     along = [0.0, 1.0, 4.0, 4.0, None, None, 20.0, 20.0, 21.0, 22.0, None, 0.0, None, None, None, None]
@@ -181,6 +177,12 @@ def test_positions_at_many_times():
     assert found.shape == (len(times), 3)
     wanted = [UTM + np.array([a, 0, 0]) if a is not None else [math.nan] * 3 for a in along]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-8)
+    trajectory = drive([5.0])
+    np.testing.assert_array_equal(trajectory.positions_at([5.0, 5.2, 5.3])[:, 0], [UTM[0], UTM[0], math.nan])
+    assert trajectory.positions_at([]).shape == (0, 3)
+    assert trajectory.at(5.0).x == UTM[0]
+    with pytest.raises(ArrayError, match=r"`times` to have shape \(n,\)"):
+        trajectory.positions_at([[5.0]])
 
 
 def test_positions_at_agrees_with_at():
@@ -190,15 +192,6 @@ def test_positions_at_agrees_with_at():
     times = times[np.abs(times[:, None] - trajectory.times).min(axis=1) > 1e-3]  # nearer `at` gives the pose itself
     wanted = [trajectory.at(t).position for t in times]
     np.testing.assert_allclose(trajectory.positions_at(times), wanted, rtol=0, atol=1e-8)
-
-
-def test_one_pose_and_no_times():
-    trajectory = drive([5.0])
-    np.testing.assert_array_equal(trajectory.positions_at([5.0, 5.2, 5.3])[:, 0], [UTM[0], UTM[0], math.nan])
-    assert trajectory.positions_at([]).shape == (0, 3)
-    assert trajectory.at(5.0).x == UTM[0]
-    with pytest.raises(ArrayError, match=r"`times` to have shape \(n,\)"):
-        trajectory.positions_at([[5.0]])
 
 
 def known_drive(covariances):

@@ -1,20 +1,17 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
-"""Angles of a scan against numpy, and windows tried first, for layouts of which it is known how far rings are apart."""
+"""Angles of a scan against numpy, windows tried first against their definition, and planes of a block against each."""
 
 import numpy as np
-import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from maxcon.scan import window_kernels as rules
-from maxcon.scan.window_kernels import BANDS, WINDOWS, azimuths_of, elevations_of, extremes, first_windows
+from maxcon.scan.plane_kernels import BLOCK, covariance, plane_normal, plane_normals
+from maxcon.scan.window_kernels import BANDS, WINDOWS, azimuths_of, elevations_of, first_windows
 
 COORDINATES = st.one_of(
     st.floats(-1e3, 1e3), st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-17, -1e-17, 5e-324, 1e-200, 1e300])
 )
-VALUES = st.one_of(st.floats(-2.0, 2.0), st.sampled_from([0.1, 0.1 + 1e-16, 0.2, -1.0]), st.floats(-1e-9, 1e-9))
 
 
 @given(arrays(np.float64, st.tuples(st.integers(0, 40), st.just(3)), elements=COORDINATES))
@@ -29,50 +26,6 @@ def test_angles_are_those_of_numpy(points):
         np.testing.assert_allclose(angles, expected, rtol=5e-16, atol=1e-323)
         np.testing.assert_array_equal(np.signbit(angles), np.signbit(expected))
         assert (np.abs(angles) <= np.pi).all()
-
-
-def test_angles_all_around():
-    true = np.random.default_rng(0).uniform(-np.pi, np.pi, 100_000)
-    points = np.column_stack([np.cos(true), np.sin(true), np.zeros(len(true))])
-    azimuths = azimuths_of(points.ravel())
-    np.testing.assert_allclose(azimuths, np.arctan2(points[:, 1], points[:, 0]), rtol=4e-16, atol=0.0)
-
-
-@given(arrays(np.float64, st.integers(1, 300), elements=VALUES))
-def test_extremes_are_those_of_numpy(values):
-    assert extremes(values) == (values.min(), values.max())
-
-
-def windows_tried_first(elevations_deg, azimuths_deg):
-    elevations, azimuths = np.radians(elevations_deg), np.radians(azimuths_deg)
-    first = np.full(BANDS, -1)
-    lowest = first_windows(elevations, azimuths, elevations.min(), elevations.max(), first)
-    assert lowest == first.min()
-    assert first.max() < len(WINDOWS)
-    return np.degrees(WINDOWS)[first]
-
-
-def ring_scan(rings_deg, step_deg=0.2, smear_deg=0.0):
-    azimuths = np.arange(-180.0, 180.0, step_deg)
-    elevations, azimuths = (grid.ravel() for grid in np.meshgrid(rings_deg, azimuths, indexing="ij"))
-    return elevations + np.random.default_rng(0).normal(0.0, smear_deg, len(elevations)), azimuths
-
-
-@pytest.mark.parametrize("smear_deg", [0.0, 0.02])
-@pytest.mark.parametrize("spacing_deg", [0.5, 1.0, 1.3, 2.0, 4.0])
-def test_a_window_reaches_the_next_ring_and_not_much_further(spacing_deg, smear_deg):
-    found = windows_tried_first(*ring_scan(np.arange(-16.0, 15.0, spacing_deg), smear_deg=smear_deg))
-    assert (found >= spacing_deg - 4 * smear_deg).all()
-    assert np.median(found) <= 1.7 * max(spacing_deg, 0.5)
-
-
-def test_bands_of_sparse_rings_get_higher_windows():
-    rings = np.concatenate([[-25.0, -22.0, -19.0, -16.0, -13.0], np.arange(-4.0, 4.0, 0.33), [8.0, 11.0, 14.0]])
-    found = windows_tried_first(*ring_scan(rings))
-    middle = np.linspace(rings.min(), rings.max(), BANDS)
-    assert (found[np.abs(middle) < 3.0] <= 0.9).all()
-    sparse = np.isin(np.arange(BANDS), ((rings[:4] - rings.min()) / np.ptp(rings) * BANDS).astype(int))
-    assert (found[sparse] >= 2.9).all()
 
 
 def window_of(elevations, k, width):
@@ -120,5 +73,56 @@ def test_windows_are_as_defined(seed, n, n_rings, smear, half_width):
     elevations = rng.choice(rings, n) + rng.normal(0.0, smear, n)
     azimuths = rng.uniform(-half_width, half_width, n)
     first = np.full(BANDS, -1)
-    first_windows(elevations, azimuths, elevations.min(), elevations.max(), first)
+    lowest = first_windows(elevations, azimuths, elevations.min(), elevations.max(), first)
     assert first.tolist() == windows_by_definition(elevations, azimuths)
+    assert lowest == first.min()
+
+
+def moments_of(points):
+    """Count, sums and sums of products, as `covariance` takes them."""
+    products = points.T @ points
+    return len(points), points.sum(axis=0), products[np.triu_indices(3)]
+
+
+def flat_neighbourhood(rng, n, share, middle_share):
+    """Points whose covariance has eigenvalues about 1, middle_share and share * middle_share, turned anyhow."""
+    turned = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    sizes = np.sqrt([1.0, middle_share, share * middle_share])
+    return rng.normal(size=(n, 3)) * sizes @ turned + rng.normal(size=3)
+
+
+@given(st.integers(0, 2**32), st.integers(1, BLOCK), st.sampled_from([0.0, 1e-3, 0.1, 0.3, 1.0]))
+@example(43373, 11, 0.0)
+def test_a_block_of_planes_is_the_plane_of_each(seed, n, share):
+    rng = np.random.default_rng(seed)
+    moments, planes = np.full(10 * BLOCK, np.nan), np.full(5 * BLOCK, np.nan)
+    each = []
+    for k in range(n):
+        points = flat_neighbourhood(rng, int(rng.integers(6, 50)), share, 10.0 ** rng.uniform(-2, 0))
+        count, sums, outers = moments_of(points)
+        moments.reshape(10, BLOCK)[:, k] = [count, *sums, *outers]
+        matrix, normal = np.empty((3, 3)), np.empty(3)
+        covariance(count, sums, outers, matrix)
+        each.append((*plane_normal(matrix, normal)[:2], normal))
+    plane_normals(n, moments, planes)
+    for k, (smallest, middle, normal) in enumerate(each):
+        found = planes.reshape(5, BLOCK)[:, k]
+        if smallest < 0.5 * middle:
+            rounding = 1e-12  # of eigenvalues, the largest of which is about 1: the definition takes an arc cosine
+            np.testing.assert_allclose(found[:2], [smallest, middle], rtol=0.0, atol=1e-10 * middle + rounding)
+            np.testing.assert_allclose(np.linalg.norm(np.cross(found[2:], normal)), 0.0, atol=1e-9 + rounding / middle)
+            np.testing.assert_allclose(np.linalg.norm(found[2:]), 1.0, atol=1e-14)
+        else:
+            assert not found[0] < 0.45 * found[1]
+
+
+def test_points_on_a_line_or_at_one_place_make_no_plane():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        moments, planes = np.zeros(10 * BLOCK), np.zeros(5 * BLOCK)
+        for k in range(BLOCK):
+            along = rng.normal(size=(20, 1)) * (k % 2)
+            count, sums, outers = moments_of(along * rng.normal(size=3) + rng.normal(size=3))
+            moments.reshape(10, BLOCK)[:, k] = [count, *sums, *outers]
+        plane_normals(BLOCK, moments, planes)
+        assert not (planes.reshape(5, BLOCK)[1] > 1e-6).any()

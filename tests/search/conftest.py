@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Hand-made scenes whose answer is known."""
 
 from dataclasses import dataclass, field

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What the tests of searches draw: seeds, options, normals, and an objective of a user's own."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Branch and bound finds the cell of the exhaustive search, to the last bit, and what it proves is true (D7)."""
 
 import math
@@ -96,7 +94,7 @@ LIMITS = {
     factor=st.sampled_from([1, 1, 2, 8]),
     limits=st.just({}) | st.fixed_dictionaries({name: st.sampled_from(values) for name, values in LIMITS.items()}),
 )  # fmt: skip
-def test_it_finds_what_the_exhaustive_search_finds_whatever_the_limits_of_time_and_memory(
+def test_it_finds_what_the_exhaustive_search_finds(
     seed, objective, options, is_signed, n_steps, turns, ratio, guard_radius, is_guarded, n_points, n_threads, factor,
     limits,
 ):  # fmt: skip
@@ -231,20 +229,11 @@ def test_an_objective_without_bounds_is_searched_exhaustively_in_a_space_small_e
     assert branch_and_bound(*HERE, Helmert()).score > 0.0
 
 
-@pytest.mark.parametrize("is_bounded", [False, True])
-@pytest.mark.parametrize(
-    ("score", "words"),
-    [
-        (lambda moments: moments[..., 0] * np.nan, r"scores of searches\.OwnObjective that are numbers, got NaN\."),
-        (lambda moments: moments.sum(), r"searches\.OwnObjective to return scores of shape .*, got \(\) of float64\."),
-        (lambda moments: moments[..., 0] - 1e9, r"scores of 0 or more .*, got -1e\+09\. Let the objective return 0"),
-    ],
-)
-def test_scores_that_promise_nothing_are_refused(is_bounded, score, words):
-    objective = OwnObjective(score)
-    if is_bounded:
-        objective.bound_by_count = lambda count: count
-    with pytest.raises(ArrayError, match=words):
+@pytest.mark.parametrize("bound", [{}, {"bound_by_count": lambda count: count}])
+def test_scores_that_promise_nothing_are_refused(bound):
+    objective = OwnObjective(lambda moments: moments[..., 0] * np.nan)
+    vars(objective).update(bound)
+    with pytest.raises(ArrayError, match=r"scores of searches\.OwnObjective that are numbers, got NaN\."):
         branch_and_bound(*HERE, objective)
 
 

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The coarse search leaves open what scoring every large cell by the definition would."""
 
 import math

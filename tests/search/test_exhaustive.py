@@ -1,12 +1,10 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The compiled search equals the definition, to the last bit (D7), whatever the order and the threads (D8)."""
 
 import itertools
 
 import numpy as np
 import pytest
-from hypothesis import event, given, settings
+from hypothesis import event, given
 from hypothesis import strategies as st
 from searches import OPTIONS, SEEDS, unit_vectors
 
@@ -18,6 +16,7 @@ from maxcon.search.accumulator import CONTRIBUTION_STEP, turn, upright
 from maxcon.search.objectives import OBJECTIVES
 
 X = [1.0, 0.0, 0.0]
+CORNERS = st.integers(-100, 100) | st.sampled_from([-2604, 2604])  # with voxels whose products exceed 2^31
 
 
 def random_scene(seed, n_scan, n_map, cell, space, *, corner=(0, 0), is_signed=True, tilt=0.2, spread=20):
@@ -95,7 +94,7 @@ def test_it_equals_the_definition(seed, n_scan, n_map, cell, n_steps, turns, cor
 @given(
     seed=SEEDS, n_scan=st.integers(1, 60), n_map=st.integers(1, 400),
     cell=st.sampled_from([0.03, 0.06, 0.0625, 0.5]) | st.floats(0.03, 0.5), n_steps=st.sampled_from([7, 8, 9, 31, 100]),
-    spread=st.sampled_from([5, 40, 600]), corner=st.tuples(st.integers(-100, 100), st.integers(-100, 100)),
+    spread=st.sampled_from([5, 40, 600]), corner=st.tuples(CORNERS, CORNERS),
     options=OPTIONS, is_signed=st.booleans(), n_threads=st.integers(1, 4), factor=st.sampled_from([1, 1, 4, 32]),
 )  # fmt: skip
 def test_it_equals_the_votes_of_large_windows(
@@ -132,21 +131,6 @@ def test_crowded_voxels_and_scans(seed, n_steps, turns, options, is_signed, n_th
     assert_same(accumulator, by_votes(*scene, **options))
 
 
-@pytest.mark.parametrize("sign_x", [-1, 1])
-@pytest.mark.parametrize("sign_y", [-1, 1])
-def test_forty_kilometres_from_the_origin(sign_x, sign_y):
-    """Products of indices there exceed 2^31."""
-    cell = 0.03
-    tile = int(40_000 / cell / TILE_VOXELS)
-    space = SearchSpace(0.9, cell, 0.5, 0.5)
-    for seed in range(2):
-        scene = *random_scene(seed, 15, 60, cell, space, corner=(sign_x * tile, sign_y * tile), spread=10), space
-        assert abs(scene[2].x) > 39_000
-        accumulator = exhaustive(*scene, multiplicity="points")
-        assert accumulator.moments[..., 0].max() >= 8
-        assert_same(accumulator, by_votes(*scene, "points"))
-
-
 def test_tiles_far_apart_at_once():
     """A map of two places 40 km apart, and a scan that reaches both."""
     cell = 0.5
@@ -157,19 +141,6 @@ def test_tiles_far_apart_at_once():
     moments = exhaustive(Scan(places, [X, X]), point_map, prior, space).moments
     np.testing.assert_array_equal(moments[0, 4, 4], [2.0, 2.0, 0.0, 0.0])
     assert moments[..., 0].sum() == 2
-
-
-@given(SEEDS, st.sampled_from(["occupied", "points"]))
-@settings(max_examples=15)
-def test_the_order_of_scan_and_map_points_and_the_threads_do_not_matter(seed, multiplicity):
-    space = SearchSpace(1.2, 0.06, 1.0, 0.5)
-    scan, point_map, prior = random_scene(seed, 300, 500, 0.06, space)
-    first = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity)
-    order = np.random.default_rng(seed).permutation(len(scan))
-    shuffled = Scan(scan.points[order], scan.normals[order])
-    for n_threads in (1, 2, 3, 4, 16):
-        again = exhaustive(shuffled, point_map, prior, space, multiplicity=multiplicity, n_threads=n_threads)
-        assert_same(again, first.moments)
 
 
 @pytest.mark.parametrize("by", [[50.0, -50.0, 0], [1e4, -1e4, 0], [1e6, -1e6, 0], [0.0, 0.0, 1e3], [0.0, 0.0, -1e3]])

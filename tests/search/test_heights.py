@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A search over heights: exhaustive equals the definition, and branch and bound the exhaustive one (D7)."""
 
 import numpy as np
@@ -64,9 +62,7 @@ def test_exhaustive_over_heights_is_the_definition(seed, n_heights, objective):
     seed=SEEDS, n_heights=st.integers(0, 5), n_steps=st.sampled_from([0, 2, 10]),
     objective=st.sampled_from([*OBJECTIVES, OwnObjective()]), options=OPTIONS, ratio=st.sampled_from([1.0, 0.8, 0.3]),
 )  # fmt: skip
-def test_branch_and_bound_over_heights_finds_what_the_exhaustive_search_finds(
-    seed, n_heights, n_steps, objective, options, ratio
-):
+def test_branch_and_bound_over_heights_is_exhaustive(seed, n_heights, n_steps, objective, options, ratio):
     space = SearchSpace(n_steps * CELL, CELL, 0.5, 0.5, n_heights * CELL)
     scene = yard(seed, space)
     found = branch_and_bound(*scene, space, objective, ratio=ratio, **options)
@@ -94,13 +90,12 @@ def test_ties_of_heights_are_broken_in_index_order():
     space = SearchSpace(2 * CELL, CELL, 1.0, 1.0, 3 * CELL)
     found = best_by_both(Scan([[0.0, 2.05, 0.05]], [TO_WALL]), point_map, space, Count())
     assert (found.height, found.cell[0]) == (0, 0)
-
-
-def test_where_nothing_matches_the_first_cell_of_the_lowest_height_is_found():
     point_map = PointMap.from_points([[0.0, 2.0, 0.0]], [TO_WALL], CELL)
     space = SearchSpace(2 * CELL, CELL, 0.5, 0.5, 2 * CELL)
     found = best_by_both(Scan([[0.0, 2.0, 50.0]], [TO_WALL]), point_map, space, Helmert())
     assert (found.height, found.cell, found.score) == (0, (0, 0, 0), 0.0)
+    with pytest.raises(SearchSpaceError, match="at least one height"):
+        highest_of([], Helmert())
 
 
 TO_WALL = [0.0, -1.0, 0.0]
@@ -113,8 +108,3 @@ def best_by_both(scan, point_map, space, objective):
     found = branch_and_bound(scan, point_map, prior, space, objective)
     assert (found.height, found.cell) == (height, accumulator.best_cell(objective))
     return found
-
-
-def test_no_heights_have_no_highest():
-    with pytest.raises(SearchSpaceError, match="at least one height"):
-        highest_of([], Helmert())

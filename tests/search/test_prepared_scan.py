@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What the compiled searches prepare is what plain NumPy makes of the definitions, to the last bit."""
 
 import numpy as np
@@ -46,9 +44,7 @@ def prepared_with(scan, point_map, prior, weighting=Weighting.COSINE):
     seed=SEEDS, n_points=st.integers(1, 80) | st.just(400), spread=st.sampled_from([0.0, 2.0, 60.0, 3000.0, 1e8]),
     height=st.sampled_from([0.0, 3.0, 1e8]), weighting=st.sampled_from(list(Weighting)),
 )  # fmt: skip
-def test_groups_hold_all_points_of_one_square_and_layer_and_tiles_are_those_they_can_meet(
-    seed, n_points, spread, height, weighting
-):
+def test_groups_are_of_one_square_and_layer_and_have_their_tiles(seed, n_points, spread, height, weighting):
     rng = np.random.default_rng(seed)
     prior = random_prior(rng)
     scan = random_scan(rng, n_points, spread, height)
@@ -92,15 +88,6 @@ def test_groups_hold_all_points_of_one_square_and_layer_and_tiles_are_those_they
         assert row < prepared.shape[0]
 
 
-def test_an_empty_scan_has_no_groups_and_loads_no_tile():
-    prior = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    nothing = Scan(np.empty((0, 3)), np.empty((0, 3)))
-    prepared = prepared_with(nothing, random_map(np.random.default_rng(1), prior, 5, 1.0), prior)
-    assert prepared.starts.tolist() == [0]
-    assert (prepared.points.shape, prepared.normals.shape) == ((2, 0), (3, 0))
-    assert (len(prepared.middles), len(prepared.layers), prepared.tiles, prepared.shape) == (0, 0, {}, (0, 0))
-
-
 END = 2.0**30 * CELL  # indices end there
 
 
@@ -121,6 +108,15 @@ def test_priors_from_which_a_point_or_a_cell_reaches_beyond_all_indices_are_refu
     for place, prior in ((3e8 * np.array(direction), here), ([1.0, 2.0, 3.0], out)):
         with pytest.raises(ArrayError, match=r"within 2\.68e\+08 m of the local origin, got 3e\+08 m"):
             prepared_with(Scan([place], [[1.0, 0.0, 0.0]]), point_map, prior)
+
+
+def test_an_empty_scan_has_no_groups_and_loads_no_tile():
+    prior = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    nothing = Scan(np.empty((0, 3)), np.empty((0, 3)))
+    prepared = prepared_with(nothing, random_map(np.random.default_rng(1), prior, 5, 1.0), prior)
+    assert prepared.starts.tolist() == [0]
+    assert (prepared.points.shape, prepared.normals.shape) == ((2, 0), (3, 0))
+    assert (len(prepared.middles), len(prepared.layers), prepared.tiles, prepared.shape) == (0, 0, {}, (0, 0))
 
 
 def test_sums_of_cells_begin_with_a_cache_line():

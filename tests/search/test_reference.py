@@ -1,19 +1,15 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The definition, on scenes whose answer is known by hand and against loops in plain Python."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
-from hypothesis import event, given
+from hypothesis import given
 from hypothesis import strategies as st
 from searches import SEEDS, unit_vectors
 
 from maxcon import Count, Helmert, MaxEigenvalue, MaximumConsensus, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError
-from maxcon.map import TILE_VOXELS
 from maxcon.search import Weighting, reference
 
 CELL = 0.06
@@ -21,7 +17,7 @@ HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ONE_CELL = SearchSpace(0.0, CELL, 0.0, 0.5)
 SMALL = SearchSpace(0.3, CELL, 0.0, 0.5)  # 10 x 10 cells
 STREET = math.radians(31.0)
-X, Y, SLANTED, NONE = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8], [0.0, 0.0, 0.0]
+X, SLANTED = [1.0, 0.0, 0.0], [0.6, 0.0, 0.8]
 MULTIPLICITIES = ("points", "occupied")
 
 
@@ -90,16 +86,6 @@ def test_a_street_at_31_degrees_with_a_few_surfaces_across(turned_scene, model, 
     assert_only_best(accumulator, Helmert(), (2, 3 - 2, 3 + 1))
 
 
-@both_multiplicities
-@pytest.mark.parametrize("objective", [Count(), Helmert()])
-def test_a_crossing(turned_scene, multiplicity, objective):
-    for x, y in itertools.product((-6, 6), repeat=2):
-        turned_scene.wall((x, y), (3 * x, y), turn=STREET).wall((x, y), (x, 3 * y), turn=STREET)
-    space = SearchSpace(0.3, CELL, 1.0, 1.0)
-    accumulator = by_voxels(turned_scene, turned_scene.prior(-5, 4, -1.0), space, multiplicity)
-    assert_only_best(accumulator, objective, (0, 9, 0))
-
-
 @pytest.fixture
 def uneven_street(scene):
     """A street along x, surveyed 20 times as densely from 1.2 m before the sensor on; the scan is densest there."""
@@ -126,16 +112,6 @@ def test_uneven_map_density_draws_the_count_along_the_street_but_not_helmert(une
     assert_only_best(free_of_density, Helmert(), middle)
 
 
-def test_pairs_too_prefer_the_dense_part_by_count_and_the_truth_by_helmert(uneven_street):
-    cells = {}
-    for name, shift in (("truth", 0), ("drawn", 20)):
-        prior = uneven_street.prior(-shift, 0)  # the only cell lies that far along the street
-        cells[name] = by_pairs(uneven_street, prior, ONE_CELL, "points")
-    score = {name: {type(o): o.score(a.moments).item() for o in (Count(), Helmert())} for name, a in cells.items()}
-    assert score["drawn"][Count] > 1.5 * score["truth"][Count]
-    assert score["truth"][Helmert] > 2.0 * score["drawn"][Helmert]
-
-
 # --- the paper's closed forms -------------------------------------------------------------------------
 
 
@@ -160,16 +136,6 @@ def test_unit_matches_at_right_angles(n1, n2, turn):
         if n1 == n2:
             assert score == pytest.approx(n1 / 2, rel=1e-5)
         assert accumulator.score(MaxEigenvalue())[0, 0, 0] == pytest.approx(min(n1, n2), rel=1e-5)
-
-
-@pytest.mark.parametrize("n2", [1, 10, 1000, 100_000])
-@pytest.mark.parametrize("turn_deg", [0.0, 31.0])
-def test_one_lone_match_across_stays_below_one(n2, turn_deg):
-    scan, places, normals = unit_matches(1, n2, math.radians(turn_deg))
-    point_map = PointMap.from_points(places, normals, CELL)
-    score = float(reference.voxels(scan, point_map, HERE, ONE_CELL).score(Helmert())[0, 0, 0])
-    assert score == pytest.approx(n2 / (n2 + 1), rel=0.02)
-    assert score < 1.0 or turn_deg != 0.0  # at 31 degrees float32 products leave 1e-7 of n2
 
 
 # --- equation (2) to the letter -----------------------------------------------------------------------
@@ -285,14 +251,8 @@ def one_match(n_scan, n_map, **options):
         ([-1.0, 0.0, 0.0], X, True, 0.0),  # the back of a wall is counted but constrains nothing
         ([-1.0, 0.0, 0.0], X, False, 1.0),
         (SLANTED, X, True, 0.6),
-        ([-0.6, 0.0, 0.8], X, True, 0.0),
-        ([-0.6, 0.0, 0.8], X, False, 0.6),
         (SLANTED, SLANTED, True, 1.0),  # a roof constrains x by the square of its level part
-        ([0.0, 0.0, 1.0], [0.0, 0.0, 1.0], True, 1.0),
-        (Y, X, True, 0.0),
-        (Y, X, False, 0.0),
         ([0.0, 0.0, 0.0], X, True, 0.5),  # no scan normal: the mean of the cosine over a half space
-        ([0.0, 0.0, 0.0], X, False, 0.5),
         ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], True, 0.0),  # no direction of the observation either
         (X, [0.0, 0.0, 0.0], True, 0.0),  # no map normal
     ],
@@ -300,22 +260,6 @@ def one_match(n_scan, n_map, **options):
 def test_the_weight_is_the_cosine_between_the_normals(n_scan, n_map, is_signed, weight):
     expected = [1.0, weight * n_map[0] ** 2, 0.0, 0.0]
     np.testing.assert_allclose(one_match(n_scan, n_map, is_signed=is_signed), expected, atol=1e-6)
-
-
-@both_multiplicities
-@pytest.mark.parametrize("is_signed", [True, False])
-@pytest.mark.parametrize(
-    ("weighting", "n_scan", "on_x", "on_slanted"),
-    [
-        ("published", NONE, 0.0, 0.0),  # it counts, and constrains nothing
-        ("published", SLANTED, 0.6, 0.36),
-        *(("one", n_scan, 1.0, 0.36) for n_scan in (X, [-1.0, 0.0, 0.0], SLANTED, Y, NONE)),
-    ],
-)
-def test_other_weightings(weighting, n_scan, on_x, on_slanted, is_signed, multiplicity):
-    options = {"is_signed": is_signed, "multiplicity": multiplicity, "weighting": weighting}
-    for n_map, added in ((X, on_x), (SLANTED, on_slanted), (NONE, 0.0)):  # the map's normal always matters
-        np.testing.assert_allclose(one_match(n_scan, n_map, **options), [1.0, added, 0.0, 0.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("weighting", ["cosine", "one"])
@@ -365,7 +309,6 @@ def test_no_points_match_nothing(multiplicity):
     ("points", "normals", "options", "error", "words"),
     [
         (np.zeros((1, 3)), [X], {"weighting": 1}, OptionError, "'cosine', 'published' or 'one', got 1"),
-        (np.zeros((1, 3)), [X], {"multiplicity": "once"}, OptionError, "'occupied' or 'points', got 'once'"),
         (np.zeros((3, 5)), np.zeros((3, 5)), {}, ArrayError, r"`points_map` .*\(n, 3\), got \(3, 5\)\. Transpose it\?"),
         (np.zeros((2, 3)), [X, [2.0, 0.0, 0.0]], {}, ArrayError, r"unit normals in `normals_map` .*length 2 in row 1"),
     ],
@@ -375,44 +318,7 @@ def test_what_pairs_refuse(points, normals, options, error, words):
         reference.pairs(Scan([[0.0, 0.0, 0.0]], [X]), points, normals, HERE, SMALL, threshold=CELL, **options)
 
 
-# --- the consensus set: points whose own voxel is in the map, whatever else is around -------------------------
-
-FINE = 0.0625
-AROUND = SearchSpace(5 * FINE, FINE, 1.0, 0.5)
-EDGES = st.sampled_from([0, -3, -TILE_VOXELS, 3 * TILE_VOXELS])
-
-
-@given(
-    seed=SEEDS, size=st.tuples(*3 * [st.integers(1, 6)]), edge=st.tuples(EDGES, EDGES, st.just(-2)),
-    offset=st.tuples(*2 * [st.integers(-5, 4)]), n_points=st.integers(0, 60),
-)  # fmt: skip
-def test_points_match_where_their_own_voxel_is_in_the_map(seed, size, edge, offset, n_points):
-    rng = np.random.default_rng(seed)
-    block = np.array(list(itertools.product(*(range(-1, n + 1) for n in size))))  # all around the scan too
-    held = block[rng.random(len(block)) < 0.5] + edge
-    point_map = PointMap.from_points((held + 0.5) * FINE, np.tile([1.0, 0.0, 0.0], (len(held), 1)), FINE)
-    voxels = rng.integers(0, size, (n_points, 3)) + edge
-    prior = Pose(*(np.array(edge) + rng.uniform(-3.0, 3.0, 3)) * FINE, 0.0, 0.0, 0.0)
-    shift = np.array([*offset, 0]) * FINE
-    points = (voxels + rng.uniform(0.1, 0.9, (n_points, 3))) * FINE - shift - prior.position
-    matched = reference.consensus_set(
-        Scan(points, np.zeros_like(points)), point_map, prior, AROUND, (2, 5 + offset[1], 5 + offset[0])
-    )
-    in_map = {*map(tuple, held.tolist())}
-    assert matched.dtype == bool
-    assert matched.tolist() == [tuple(voxel) in in_map for voxel in voxels.tolist()]
-    event(f"some do: {matched.any()}, some do not: {not matched.all()}")
-
-
-def test_the_prior_and_the_heading_of_the_cell_turn_the_scan():
-    prior = Pose(3.0, -2.0, 1.0, 0.1, -0.05, 0.7)
-    pose = AROUND.pose((4, 7, 1), prior)
-    places = (np.array([[40, 3, 20], [-25, 30, 2], [7, -60, 12]]) + 0.5) * FINE
-    point_map = PointMap.from_points(places, np.tile([1.0, 0.0, 0.0], (3, 1)), FINE)
-    points = np.concatenate([places, places + [FINE, 0.0, 0.0]])
-    scan = Scan((points - pose.position) @ pose.rotation, np.zeros_like(points))
-    matched = reference.consensus_set(scan, point_map, prior, AROUND, (4, 7, 1))
-    assert matched.tolist() == [True, True, True, False, False, False]
-    one = Scan(np.zeros((1, 3)), np.zeros((1, 3)))  # an open space is given the cells of the map
-    at_point = Pose(*places[0], 0.0, 0.0, 0.0)
-    assert reference.consensus_set(one, point_map, at_point, SearchSpace(0.0), (20, 0, 0)).tolist() == [True]
+def test_a_cell_of_an_open_space_is_one_of_the_map():
+    point_map, one = PointMap.from_points([[0.03] * 3], [X], CELL), Scan(np.zeros((1, 3)), np.zeros((1, 3)))
+    prior = Pose(0.03, 0.03, 0.03, 0.0, 0.0, 0.0)
+    assert reference.consensus_set(one, point_map, prior, SearchSpace(0.0), (20, 0, 0)).tolist() == [True]

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """COPC: of a rectangle the nodes of the octree that meet it are read, and an octree that does not fit is refused."""
 
 import struct

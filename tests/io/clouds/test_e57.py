@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """E57: poses of scans, invalid points, chunks, and the odd files of other programs."""
 
 import sys

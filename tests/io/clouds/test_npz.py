@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """NPZ clouds: never unpickled, never trusted."""
 
 import io
@@ -78,8 +76,6 @@ def test_arrays_that_cannot_be_used_are_refused(tmp_path, arrays, words):
         (npy(POINTS, shape=(8, 3)), zipfile.ZIP_STORED, "buffer is too small"),
         (npy(POINTS, shape=(2**60, 3)), zipfile.ZIP_STORED, r"a\.npz"),
         (npy(POINTS, shape=(-1, 3)), zipfile.ZIP_STORED, "negative dimensions"),
-        (npy(POINTS, descr="|O"), zipfile.ZIP_STORED, r"a\.npz"),
-        (b"", zipfile.ZIP_STORED, r"a\.npz"),
         (b"\x93NUMPY\x09\x00" + bytes(100), zipfile.ZIP_STORED, r"a\.npz"),
         (npy(np.zeros((800_000, 3))), zipfile.ZIP_DEFLATED, "unpack to .* times their size, not at most 100"),
     ],

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """PCD scans: three encodings, legal variants of the header, and headers that lie."""
 
 import struct
@@ -47,14 +45,11 @@ def compressed(tmp_path, n_extra=0):
     return whole
 
 
-def test_ascii_with_any_blanks(tmp_path):
+def test_ascii_with_any_blanks_and_binary_of_mixed_types(tmp_path):
     content = (
         header(FIELDS="i y x z", SIZE="4 4 4 4", TYPE="U F F F", COUNT="2 1 1 1") + "9 9 2  1\t3 \r\n\n8 8 5 4 nan\n"
     )
     np.testing.assert_array_equal(read(tmp_path, content), [[1, 2, 3], [4, 5, np.nan]])
-
-
-def test_binary_of_mixed_types(tmp_path):
     records = np.zeros(50, [("n", "<u2", 3), ("z", "<f8"), ("x", "<f8"), ("ring", "u1"), ("y", "<f4")])
     for axis, name in enumerate("xyz"):
         records[name] = POINTS[:, axis]

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """PLY: encodings, types, names, other elements, and what is refused."""
 
 import tempfile

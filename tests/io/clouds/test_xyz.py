@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Points as text: separators, headers, comments, chunks, what is refused; and suffixes of all clouds."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Poses of recordings in the coordinates of a map: positions, odometry, heights, and what is refused."""
 
 import numpy as np

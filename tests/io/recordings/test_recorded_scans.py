@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Bags and MCAP files as scans: what was written is read, in every format, and nothing that is broken breaks more."""
 
 import os

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Transforms of a recording: composed and interpolated between frames, and as the mounting of a scanner."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Several scanners in one epoch: matched by time, in the vehicle's frame, deskewed, each with normals of its own."""
 
 import math

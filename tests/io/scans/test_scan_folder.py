@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Folders of scans: order, times, kinds, what is dropped from a scan, and .bin of three floats or four."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Streets whose walls are known exactly, at any angle, and scans of them."""
 
 import itertools

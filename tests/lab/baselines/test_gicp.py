@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Generalized ICP through small_gicp, on the same streets, and after a coarse count."""
 
 import math

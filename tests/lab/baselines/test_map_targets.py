@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The part of a map that a scan can meet, thinned, and the cache of it: shared, bounded, gone with the map."""
 
 import gc
@@ -136,16 +134,13 @@ def test_a_place_is_a_square_and_a_reach():
     assert Place.of_scan(np.empty((0, 3)), at(0.0, 0.0), 1.0, 0.0) == Place(0, 0, 20.0)
 
 
-def test_means_of_cubes_in_the_order_z_y_x():
+def test_means_of_cubes_and_of_normals_that_agree():
     points = np.array([[0.9, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.1, 0.3, 0.0], [0.1, 0.1, 1.5], [0.3, 0.1, 0.2]])
     assert thin(points, 0.0) is points
     assert thin(points[:0], 0.5).shape == (0, 3)
     np.testing.assert_allclose(
         thin(points, 1.0), [[-0.1, 0.1, 0.0], [(0.9 + 0.1 + 0.3) / 3, 0.5 / 3, 0.2 / 3], [0.1, 0.1, 1.5]]
     )
-
-
-def test_normals_that_agree_are_averaged_and_those_of_an_edge_are_dropped():
     points = np.array([[0.1, 0, 0], [0.3, 0, 0], [1.1, 0, 0], [1.2, 0, 0], [2.1, 0, 0], [2.2, 0, 0.0]])
     tilted = [np.sin(0.2), np.cos(0.2), 0.0]
     normals = np.array([[0, 1, 0], tilted, [0, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.0]])

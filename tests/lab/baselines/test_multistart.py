@@ -1,15 +1,17 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
-"""Many starts: where they are, what is made of where they end."""
+"""Many starts: where they are, what is made of where they end; options of all baselines."""
 
+import copy
 import math
+import pickle
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from maxcon import Estimate, Pose, Scan, Status
-from maxcon.lab.baselines import Choice, Gicp, Icp, MultiStart
+from maxcon.errors import OptionError
+from maxcon.lab.baselines import Choice, CountThenGicp, Gicp, Icp, MultiStart
 
 CENTRE = Pose(10.0, 20.0, 1.5, 0.01, 0.02, 0.3)
 
@@ -123,3 +125,38 @@ def test_the_most_correspondences_win_and_ends_elsewhere_make_it_ambiguous(best,
     worse = estimate(**{"x": 0.0, "y": 0.0, "score": 3.0, **other})
     chosen = MultiStart(Icp()).choose([worse, first, second])
     assert (chosen.status, chosen.pose, chosen.score) == (status, first.pose, 9.0)
+
+
+Many = partial(MultiStart, Icp())
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "words"),
+    [
+        (Icp, {"residual": "planes"}, "'plane' or 'point', got 'planes'"),
+        (Icp, {"gate": 0.0}, "`gate` to be finite, and above 0, got 0.0. The default is 1.0."),
+        (Icp, {"gate": math.inf}, "`gate` to be finite, and above 0, got inf"),
+        (Icp, {"thinning": -0.1}, "`thinning` to be finite, and 0 or more, got -0.1"),
+        (Icp, {"max_iterations": 2.5}, "`max_iterations` to be a whole number from 1, got 2.5. The default is 100."),
+        (Gicp, {"n_neighbours": 0}, "`n_neighbours` to be a whole number from 1, got 0"),
+        (CountThenGicp, {"heading_half_width_deg": -1.0}, "`heading_half_width_deg` to be finite, and 0 or more"),
+        (Many, {"choice": "best"}, "`choice` to be 'agreement' or 'overlap', got 'best'"),
+    ],
+)
+def test_options_out_of_range_are_refused(kind, options, words):
+    with pytest.raises(OptionError) as refusal:
+        kind(**options)
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize("method", [Icp("point", gate=2.0), Gicp(1.0), Many(n_side=2), CountThenGicp(gicp=Gicp(1.0))])
+def test_a_method_travels_without_what_it_keeps_of_maps(same, street, street_map, street_scan, method):
+    if not isinstance(method, Icp | MultiStart):
+        pytest.importorskip("small_gicp")
+    prior = street.prior(0.3)
+    wanted = method.localize(street_scan, street_map, prior)
+    packed = pickle.dumps(method)
+    assert len(packed) < 1500
+    for twin in (pickle.loads(packed), copy.deepcopy(method)):
+        assert twin == method and hash(twin) == hash(method) and "targets" not in repr(twin)
+        assert same(twin.localize(street_scan, street_map, prior), wanted)

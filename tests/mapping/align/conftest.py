@@ -1,12 +1,9 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scenes of few planes, and passes of them as LAZ files, each displaced by what is known."""
 
-import laspy
 import numpy as np
-import pyproj
 import pytest
 
+import written_las
 from maxcon.geometry import rotation_matrices
 
 ORIGIN = np.array([550_000.0, 5_802_000.0, 60.0])
@@ -55,18 +52,10 @@ def scene():
 def write_las():
     """Write points, m about the origin, with times, to a file with a CRS, intensities and an extra field."""
 
-    def write(path, points, times, *, source_ids=0, classes=6, version="1.4", point_format=6, scale=0.001):
-        header = laspy.LasHeader(point_format=point_format, version=version)
-        header.scales, header.offsets = [scale] * 3, ORIGIN
-        header.add_crs(pyproj.CRS.from_user_input(CRS))
-        header.add_extra_dim(laspy.ExtraBytesParams("ring", np.uint16))
-        las = laspy.LasData(header)
-        las.x, las.y, las.z = (points + ORIGIN).T
-        if "gps_time" in header.point_format.dimension_names:
-            las.gps_time = times
+    def write(path, points, times, *, source_ids=0, **header):
+        las = written_las.write_las(path, points + ORIGIN, times=times, crs=CRS, extra=["ring"], **header)
         las.intensity = np.arange(len(points)) % 60_000
         las.ring = np.arange(len(points)) % 64
-        las.classification[:] = classes
         las.point_source_id[:] = source_ids
         las.write(path)
         return path

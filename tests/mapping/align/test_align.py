@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Clouds in, clouds out: a corner of two walls and a floor, in three passes and two tiles."""
 
 import csv

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Maps built of files: their voxels side by side, and what lies beside them."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Small point clouds, written to files of each kind."""
 
 from types import SimpleNamespace

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Maps in another CRS than their clouds, and of a part of them: feet, degrees, geocentric coordinates, heights."""
 
 import re

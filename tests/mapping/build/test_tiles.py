@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A map is the same to the byte, whoever makes its tiles, and however often they end over it."""
 
 import sys

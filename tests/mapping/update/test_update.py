@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A car is gone, another is new, a third passes, and the wall stays: what an update makes of a street."""
 
 import hashlib
@@ -66,7 +64,7 @@ def voxels_of(folder, which):
     return np.concatenate(parts)
 
 
-def test_what_was_missed_is_gone_what_was_hit_is_new_and_the_rest_stays(street, updated):
+def test_what_was_missed_is_gone_what_was_hit_is_new_and_a_search_does_not_meet_it(street, updated):
     was = voxels_of(street, SurfaceClass.KNOWN)
     known, gone, new = (voxels_of(updated, each) for each in (SurfaceClass.KNOWN, SurfaceClass.GONE, SurfaceClass.NEW))
     assert inside(gone, CAR).all()
@@ -76,9 +74,6 @@ def test_what_was_missed_is_gone_what_was_hit_is_new_and_the_rest_stays(street, 
     assert len(new) > 1000
     assert inside(new, OTHER_CAR).all()  # and not of the car that passed
     assert (new[:, 2] > 0.2).all()  # nor of the road
-
-
-def test_a_search_does_not_meet_what_is_gone_and_the_map_before_is_named(street, updated):
     opened = PointMap.open(updated)
     tiles = [opened.tile(key) for key in opened.tile_keys]
     points = np.concatenate([tile.mean_points(CELL) for tile in tiles])
