@@ -115,7 +115,7 @@ def test_too_few_points_on_planes_are_told_by_number_and_what_was_said_before_st
 def test_walls_that_are_not_there_are_named_unless_a_wider_search_confirmed_the_place(room):
     scan = seen(room, 3000)
     beside, quarter = np.array(scan.points), len(scan) // 4
-    for number, offset in ((0, 1.0), (2, -1.0)):  # two walls stand 1 m farther apart
+    for number, offset in ((0, 3.0), (2, -3.0)):  # two walls stand 3 m farther apart
         beside[number * quarter : (number + 1) * quarter] += HERE.rotation.T @ [offset, 0.0, 0.0]
     moved, lenient = Scan(beside, scan.normals), Trust(least_confirmed_share=0.0)
     answer = validate(found(), None, moved, room[2], Trust(), RISK)

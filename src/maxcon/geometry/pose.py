@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Poses, R = Rz(heading) Ry(pitch) Rx(roll) (D2), and those between; the local frame of a map (D1), voxels (D4)."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -95,42 +97,42 @@ class Pose:
         points = as_points(points_sensor, "points_sensor")
         return points @ self.rotation.T + self.position
 
-    def translated(self, offset: ArrayLike) -> "Pose":
+    def translated(self, offset: ArrayLike) -> Pose:
         """Return the same orientation at a position moved by `offset`, shape (3,), m."""
         x, y, z = self.position + np.asarray(offset, dtype=np.float64)
         return Pose(x, y, z, self.roll, self.pitch, self.heading)
 
-    def less(self, other: "Pose") -> NDArray[np.float64]:
+    def less(self, other: Pose) -> NDArray[np.float64]:
         """Return the values less those of another pose, shape (6,), m and rad, turns within [-pi, pi)."""
         difference = self.values - other.values
         difference[3:] = wrap_angle(difference[3:])
         return difference
 
-    def with_height_and_tilt_of(self, other: "Pose") -> "Pose":
+    def with_height_and_tilt_of(self, other: Pose) -> Pose:
         """Return the pose at this x, y and heading with the z, roll and pitch of another."""
         return Pose(self.x, self.y, other.z, other.roll, other.pitch, self.heading)
 
     @classmethod
-    def from_rotation(cls, position: ArrayLike, rotation: NDArray[np.float64]) -> "Pose":
+    def from_rotation(cls, position: ArrayLike, rotation: NDArray[np.float64]) -> Pose:
         """Return the pose of a position, shape (3,), m, and a rotation matrix, shape (3, 3)."""
         x, y, z = np.asarray(position, dtype=np.float64).tolist()
         roll = math.atan2(rotation[2, 1], rotation[2, 2])
         pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
         return cls(x, y, z, roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0]))
 
-    def __matmul__(self, other: "Pose") -> "Pose":
+    def __matmul__(self, other: Pose) -> Pose:
         """T_a_c from T_a_b (this one) and T_b_c: the pose after a motion given in this pose's own axes."""
         return Pose.from_rotation(self.apply(other.position[None])[0], self.rotation @ other.rotation)
 
     @property
-    def inverse(self) -> "Pose":
+    def inverse(self) -> Pose:
         """T_b_a of this T_a_b."""
         return Pose.from_rotation(-self.rotation.T @ self.position, self.rotation.T)
 
 
 def interpolate_poses(
     times: NDArray[np.float64], positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], wanted: ArrayLike
-) -> tuple[NDArray[np.float64], "Rotation"]:
+) -> tuple[NDArray[np.float64], Rotation]:
     """Positions (n, 3) and n rotations at wanted times, between poses at increasing times (m,), s.
 
     Positions are linear, turns take the shortest arc; beyond the ends both go on as between the two poses there. One
