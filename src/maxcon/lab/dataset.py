@@ -40,6 +40,7 @@ class Dataset:
     - reference: poses held for true, T_map_sensor, global coordinates.
     - priors: rough poses by name, T_map_sensor, global coordinates; at least one, none by the name "reference".
     - odometry: the vehicle's own motion, T_odometry_sensor in any frame, where it was recorded.
+    - changed: ratio of the returns that would have been elsewhere on the day of the map, where it is known.
     """
 
     path: Path
@@ -56,6 +57,7 @@ class Dataset:
     reference: Path
     priors: dict[str, Path]
     odometry: Path | None = None
+    changed: float | None = None
 
     @property
     def folder(self) -> Path:
@@ -103,7 +105,7 @@ class Dataset:
             vehicle_classes=named.map.vehicle_classes or (), normals_have_sides=bool(named.map.normals_have_sides),
             map_sigma=named.map.sigma, scans=existing("scans", "folder"), times=optional("scans", "times"),
             reference=existing("scans", "reference"), odometry=optional("scans", "odometry"),
-            priors={name: existing("priors", name) for name in named.priors},
+            priors={name: existing("priors", name) for name in named.priors}, changed=named.scans.changed,
         )  # fmt: skip
 
     def open_scans(self) -> Scans:
@@ -181,6 +183,7 @@ def _description() -> Any:
         reference: str
         times: str | None = None
         odometry: str | None = None
+        changed: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
 
     class Description(Struct, forbid_unknown_fields=True):
         map: Map

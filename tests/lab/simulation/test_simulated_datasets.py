@@ -226,7 +226,13 @@ PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uni
 @pytest.mark.parametrize(
     ("name", "dataset_name", "options", "asked", "parts"),
     [
-        ("simulate", "dataset", (), {"n_epochs": 40}, ["map clouds", "mapping", "map sigma", *PARTS[2:4], "prior"]),
+        (
+            "simulate",
+            "dataset",
+            ("--changed", "0.3"),
+            {"n_epochs": 40, "changed": 0.3},
+            ["map clouds", "mapping", "map sigma", *PARTS[2:4], "prior"],
+        ),
         (
             "simulate_campaign",
             "campaign_dataset",
