@@ -38,6 +38,14 @@ class Simulated(OptionGroup):
     every: float | None = flag(
         None, "With --campaign: seconds between scans from its beginning on; else spread evenly.", metavar="S"
     )
+    changed: float = flag(
+        0.0,
+        "In a city: months between map and scans change such a part of it (bare trees, scaffolds, demolished houses,"
+        " fences, snow, roads 5 cm higher), 0 to 1. Parked cars always change.",
+        min=0.0,
+        max=1.0,
+        metavar="SHARE",
+    )
     seed: int = flag(0, "The same seed gives the same dataset.", min=0)
     recording: Literal["bag", "mcap"] | None = flag(
         None, "Also record scans and latitudes, longitudes: ROS 1 bag, MCAP (extra recordings).", metavar="bag|mcap"
@@ -48,6 +56,7 @@ class Simulated(OptionGroup):
         check_needs({"--hard": self.hard, "--every": self.every}, {"--campaign": self.campaign})
         scene, carrier = {f"--scene {self.scene}": self.scene != "city"}, {"--carrier hand": self.carrier == "hand"}
         check_exclusive({"--campaign": self.campaign}, scene, carrier)
+        check_exclusive({"--changed": self.changed > 0.0}, scene | {"--hard": self.hard})
 
 
 @flags
@@ -62,6 +71,8 @@ def simulate(what: Simulated, quiet: Quiet = False) -> None:
     options: dict[str, Any] = {"seed": what.seed, "overwrite": what.overwrite}
     if what.scanner is not None:
         options["scanner"] = simulation.ScannerLayout.parse(what.scanner).scanner()
+    if what.changed:
+        options["changed"] = what.changed
     with step_bars(quiet) as report:
         options["progress"] = lambda done, total: report("simulating", done, total)
         if what.campaign:
@@ -91,6 +102,7 @@ def _print_parts(dataset: "Dataset") -> None:
         "scans": dataset.scans, "reference": dataset.reference,
         **{"prior" if is_only else f"prior {name}": path for name, path in dataset.priors.items()},
         "odometry": dataset.odometry,
+        "changed": None if dataset.changed is None else f"{dataset.changed:.0%} of the returns, since the map",
     }  # fmt: skip
     print_rows((name, str(part)) for name, part in parts.items() if part is not None)
 

@@ -41,6 +41,7 @@ class Dataset:
     reference: Path  # poses held for true
     priors: dict[str, Path]  # rough poses by name; at least one, none by the name "reference"
     odometry: Path | None = None  # the vehicle's own motion, T_odometry_sensor in any frame, where it was recorded
+    changed: float | None = None  # ratio of the returns that would have been elsewhere on the day of the map, if known
 
     @property
     def folder(self) -> Path:
@@ -87,6 +88,7 @@ class Dataset:
             times=part("scans", "times", of_scans.times), odometry=part("scans", "odometry", of_scans.odometry),
             reference=_existing(file, "scans", "reference", of_scans.reference),
             priors={name: _existing(file, "priors", name, path) for name, path in named.priors.items()},
+            changed=of_scans.changed,
         )  # fmt: skip
 
     def open_scans(self) -> Scans:
@@ -164,6 +166,7 @@ def _description() -> Any:
         reference: str
         times: str | None = None
         odometry: str | None = None
+        changed: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
 
     class Description(Struct, forbid_unknown_fields=True):
         map: Map

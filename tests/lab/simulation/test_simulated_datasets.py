@@ -250,8 +250,8 @@ PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uni
         (
             "simulate",
             "dataset",
-            (),
-            {"n_epochs": 40, "carrier": "car"},
+            ("--changed", "0.3"),
+            {"n_epochs": 40, "carrier": "car", "changed": 0.3},
             ["map clouds", "mapping", "map sigma", *PARTS[2:4], "prior"],
         ),
         (

@@ -22,6 +22,7 @@ from maxcon.lab.simulation.furniture import (
     lamp_pole,
     quads,
 )
+from maxcon.lab.simulation.months import Months
 from maxcon.lab.simulation.streets import CAMPAIGN_GRID, DEMO_GRID, STREET_ANGLE, Frontage, StreetGrid, in_city
 
 HOUSE_WIDTH = 13.0  # typical width of a house along the street, m
@@ -44,12 +45,13 @@ class City(Patch):
         return City(patch.corners, patch.classes, self.parking_lanes)
 
 
-def build_city(seed: Seed, grid: StreetGrid = DEMO_GRID) -> City:
-    """Return a city without parked cars; the same seed gives the same city."""
+def build_city(seed: Seed, grid: StreetGrid = DEMO_GRID, months: Months | None = None) -> City:
+    """Return a city without parked cars; the same seed gives the same city. `months` may have changed it since."""
     rng = np.random.default_rng(seed)
     parts = [grid.ground()]
     for side in grid.frontages():
-        parts += [*_houses(side, rng), *_pavement(side, grid.sidewalk, rng)]
+        built = [*_houses(side, rng), *_pavement(side, grid.sidewalk, rng)]
+        parts += built if months is None else months.along(side, built, grid)
     return _city_of(parts, grid)
 
 

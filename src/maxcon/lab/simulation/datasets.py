@@ -3,6 +3,7 @@
 """Simulated datasets: the small city, the campaign, the suburb, written in the formats of real data."""
 
 import itertools
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
@@ -60,7 +61,7 @@ vehicle_classes = [{LasClass.VEHICLE.value}]
 folder = "scans"
 times = "scans/times.txt"
 reference = "reference.txt"
-{{odometry}}
+{{odometry}}{{changed}}
 [priors]
 {{priors}}
 """
@@ -80,6 +81,7 @@ class DatasetOptions(TypedDict, total=False):
 def simulate(
     out: str | os.PathLike[str], *, n_epochs: int = 40, before: float = 75.0, after: float = 50.0,
     mapping_wait: float = 0.0, prior_errors: PriorErrors | None = None, carrier: Carrier = Carrier.CAR,
+    changed: float = 0.0,
     **options: Unpack[DatasetOptions],
 ) -> Dataset:  # fmt: skip
     """Write a seeded dataset: a city is mapped, and driven through on another day.
@@ -90,6 +92,8 @@ def simulate(
     mapping_wait: how long the mapping vehicle stands before the crossing, s: there the map is far denser.
     prior_errors: how far the priors are off; up to 2.5 m and 1.8 degrees if None.
     carrier: of the scanner. From the hand, priors are level: they know neither roll nor pitch.
+    changed: which part of houses, trees, kerbs and roads months have changed between map and scans, 0 to 1: see
+        `Months`. The ratio of the returns that it changes is measured and written into the description.
 
     The default has some 4 million map points within 60 m of the mapping vehicle and 27,000 points per scan. An
     OptionError if `n_epochs` is below 1, the seed or `mapping_wait` is negative or the route is too short; a
@@ -99,7 +103,7 @@ def simulate(
         raise OptionError(f"Expected at least one epoch, got n_epochs = {n_epochs}. The default is 40.")
     seed = options.get("seed", 0)
     with _dataset_folder(out, options) as folder:
-        world = SimulatedWorld.build(seed, before, after, mapping_wait, carrier)
+        world = SimulatedWorld.build(seed, before, after, mapping_wait, carrier, changed)
         epochs = world.epochs(n_epochs)
         priors = {"uniform": world.uniform_priors(epochs, prior_errors)}
         if carrier is Carrier.HAND:
@@ -111,7 +115,7 @@ def simulate(
 
 def simulate_campaign(
     out: str | os.PathLike[str], *, n_epochs: int = MOST_EPOCHS, every: float | None = None, is_hard: bool = False,
-    n_rounds: int = 5, **options: Unpack[DatasetOptions],
+    n_rounds: int = 5, changed: float = 0.0, **options: Unpack[DatasetOptions],
 ) -> Dataset:  # fmt: skip
     """Write a seeded campaign: a circuit through an inner city is mapped in rounds, and driven on another day.
 
@@ -121,6 +125,7 @@ def simulate_campaign(
     is_hard: whether the facades repeat every 3 m, a quarter of the objects that break their period has been removed
         since the mapping, and 30 % of the returns are on objects that are not in the map.
     n_rounds: how often the circuit is mapped.
+    changed: as of `simulate`; 0 where `is_hard`.
 
     The priors are `gnss` (slowly changing errors of about 1.2 m, see `draw_gnss_errors`) and `uniform` (independent
     errors of up to 2.5 m, see `PriorErrors`). Odometry is of the whole round, ten poses a second, and drifts (see
@@ -135,7 +140,7 @@ def simulate_campaign(
     ticks_apart = None if every is None else _ticks_apart(every, n_epochs)
     seed = options.get("seed", 0)
     with _dataset_folder(out, options) as folder:
-        world = CampaignWorld.build(seed, n_rounds, is_hard=is_hard)
+        world = CampaignWorld.build(seed, n_rounds, is_hard=is_hard, changed=changed)
         epochs = world.epochs(n_epochs, ticks_apart)
         kind = "hard campaign" if is_hard else "campaign"
         words = f"{kind}, seed {seed}, {n_rounds} rounds of mapping, {n_epochs} epochs"
@@ -217,12 +222,14 @@ def _write(
         if progress is not None:
             progress(next(done), n_steps)
 
+    scanner = options.get("scanner", RotatingScanner())
     files = {name: "prior.txt" if len(priors) == 1 else f"prior_{name}.txt" for name in priors}
     text = DESCRIBED.format(
         words=f"{__version__}: {words}",
         classes=", ".join(f"{member.name.lower()} {member.value}" for member in classes),
         sigma="" if map_sigma is None else f"sigma = {map_sigma}\n",
         odometry=f'odometry = "{ODOMETRY}"\n' if (folder / ODOMETRY).exists() else "",
+        changed=_changed(world, epochs, scanner) if world.changes else "",
         priors="\n".join(f'{name} = "{file}"' for name, file in files.items()),
     )
     (folder / DESCRIPTION).write_text(text, encoding="utf-8", newline="\n")
@@ -233,9 +240,14 @@ def _write(
             tiles.write(returns)
             tick()
     _write_poses(folder / "map/trajectory.txt", *world.mapping.poses(), "T_map_vehicle")
-    scanner = options.get("scanner", RotatingScanner())
     scans = (world.scan(epoch, scanner) for epoch in epochs)
     write_epochs(folder, epochs, scans, {files[name]: poses for name, poses in priors.items()}, tick)
+
+
+def _changed(world: World, epochs: Sequence[Epoch], scanner: Scanner) -> str:
+    """Line of the description: the ratio of the returns that months changed, over some 40 epochs, and how."""
+    ratio = world.changed_ratio(epochs[:: math.ceil(len(epochs) / 40)], scanner)
+    return f"changed = {ratio:.3f}  # {', '.join(f'{number} {change}' for change, number in world.changes.items())}\n"
 
 
 def write_epochs(

@@ -43,6 +43,10 @@ class Frontage(NamedTuple):
         """Return `patch`, turned with the frontage, its origin at x = `along`, y = `out` (m), in the grid's frame."""
         return patch.placed(*self.point(along, out), KERB_HEIGHT, self.heading)
 
+    def local(self, patch: Patch) -> Patch:
+        """Return `patch`, in the grid's frame, in that of the frontage."""
+        return patch.placed(-self.u, -self.v, -KERB_HEIGHT).placed(0.0, 0.0, heading=-self.heading)
+
     def point(self, along: float, out: float) -> tuple[float, float]:
         """Return (u, v) of the point x = `along`, y = `out` of the frontage, m."""
         cosine, sine = math.cos(self.heading), math.sin(self.heading)

@@ -3,8 +3,9 @@
 """Simulated worlds: a scene, the drives that map it, and another day's drive whose epochs are scanned."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -29,6 +30,7 @@ from maxcon.lab.simulation.drive import (
     off_by,
     walk_along,
 )
+from maxcon.lab.simulation.months import Change, Months
 from maxcon.lab.simulation.scanners import (
     Caster,
     ProfileScanner,
@@ -38,7 +40,14 @@ from maxcon.lab.simulation.scanners import (
     check_embreex,
     scan_moving,
 )
-from maxcon.lab.simulation.streets import CAMPAIGN_GRID, STREET_ANGLE, circuit_through, route_over_crossing
+from maxcon.lab.simulation.streets import (
+    CAMPAIGN_GRID,
+    DEMO_GRID,
+    STREET_ANGLE,
+    StreetGrid,
+    circuit_through,
+    route_over_crossing,
+)
 from maxcon.lab.simulation.suburb_ground import ResidentialRoad, draw_road
 from maxcon.lab.simulation.suburb_scene import suburb_on_day
 from maxcon.lab.simulation.traffic import CrowdedCaster, Traffic
@@ -49,6 +58,7 @@ PAUSE = 60.0  # from the end of one drive of the mapping vehicle to the start of
 MAP_HEIGHT = 2.4  # of its profile scanners above the carriageway, m
 TRAJECTORY_STEP = 0.02  # between two poses of its trajectory, s
 LINES_PER_PIECE = 250
+CHANGED_BY = 0.03  # from where a ray ends to where it ended on the day of the map, m: there something changed
 EPOCH_STEP = 0.1  # between two epochs when all are taken, s: the scanner turns ten times a second
 
 
@@ -119,6 +129,7 @@ class World:
     n_epochs_of_drive, start: number of scans of the whole drive, 0.1 s apart, and time of the first of them, s.
     drive_number: number of the car's drive, from 0.
     is_moving: whether scans are simulated with the motion within them (`scan_moving`) by any scanner.
+    changes: how much of each kind changed in the months between map and scans, if there were any.
     """
 
     STREAMS: ClassVar[tuple[str, ...]]
@@ -132,6 +143,7 @@ class World:
     start: float = SCAN_START
     drive_number: int = 0
     is_moving: bool = False
+    changes: Counter[Change] = field(default_factory=Counter)
 
     @classmethod
     def _stream(cls, seed: int, name: str, *more: int) -> list[int]:
@@ -141,6 +153,13 @@ class World:
     def _of_drive(self, name: str, *more: int) -> list[int]:
         """Seed of what is drawn anew for every drive; that of drive 0 goes without the number of the drive."""
         return self._stream(self.seed, name, *more, *([self.drive_number] if self.drive_number else []))
+
+    @classmethod
+    def _cities(cls, seed: int, grid: StreetGrid, changed: float) -> tuple[City, City, Counter[Change]]:
+        """The city of the map and that of the scans, both without cars, and what months changed between them."""
+        city, months = build_city(cls._stream(seed, "city"), grid), Months(changed, cls._stream(seed, "months"))
+        later = build_city(cls._stream(seed, "city"), grid, months) if changed else city
+        return city, later, months.changes
 
     def epochs(self, n_epochs: int, ticks_apart: int | None = None) -> list[Epoch]:
         """Return `n_epochs`, spread evenly over the drive; or from the beginning on, `ticks_apart` of them apart."""
@@ -175,6 +194,19 @@ class World:
         """What the scanner sees at one epoch."""
         return self.scan_caster
 
+    def changed_ratio(self, epochs: Iterable[Epoch], scanner: Scanner) -> float:
+        """Ratio of the returns whose rays would have ended elsewhere, by 3 cm or more, on the day of the map."""
+        n_changed = n_returns = 0
+        for epoch in epochs:
+            rays = scanner.rays(epoch.time)
+            directions = (rays.directions @ epoch.reference.rotation.T).astype(np.float32)
+            origins = epoch.reference.apply(rays.origins).astype(np.float32)
+            now, then = (each.cast(origins, directions) for each in (self.scan_caster, self.mapping.caster))
+            are_returns = scanner.are_returns(now)
+            n_returns += int(are_returns.sum())
+            n_changed += int((are_returns & (np.abs(now.ranges - then.ranges) >= CHANGED_BY)).sum())
+        return n_changed / max(n_returns, 1)
+
 
 def _check_seed(seed: int) -> None:
     if seed < 0:
@@ -197,16 +229,16 @@ class SimulatedWorld(World):
 
     STREAMS = (
         "city", "cars of map", "cars of scans", "map drive", "scan drive", "map noise", "scan noise", "uniform priors",
+        "months",
     )  # fmt: skip
 
     @classmethod
     def build(
         cls, seed: int, before: float = 75.0, after: float = 50.0, mapping_wait: float = 0.0,
-        carrier: Carrier = Carrier.CAR,
+        carrier: Carrier = Carrier.CAR, changed: float = 0.0,
     ) -> Self:  # fmt: skip
         """Return the world of `seed`; distances are from the middle of the crossing: see `simulate`."""
         _check_seed(seed)
-        city = build_city(cls._stream(seed, "city"))
         map_routes = (
             route_over_crossing(STREET_ANGLE, before + MAP_BEYOND, after + MAP_BEYOND, lane=1.7),
             route_over_crossing(STREET_ANGLE + math.pi, *MAP_BRANCHES, lane=1.6),
@@ -215,23 +247,24 @@ class SimulatedWorld(World):
         for i, (map_route, wait) in enumerate(zip(map_routes, (mapping_wait, 0.0), strict=True)):
             start, stream = _next_start(drives), cls._stream(seed, "map drive", i)
             drives.append(drive_along(map_route, stream, slowest=0.2, wait=wait, height=MAP_HEIGHT, start_time=start))
-        map_city, scan_city = (
-            city.with_parked_cars(cls._stream(seed, name)) for name in ("cars of map", "cars of scans")
+        *cities, changes = cls._cities(seed, DEMO_GRID, changed)
+        map_caster, scan_caster = (
+            RayCaster(city.with_parked_cars(cls._stream(seed, name)))
+            for city, name in zip(cities, ("cars of map", "cars of scans"), strict=True)
         )
         stream = cls._stream(seed, "scan drive")
         if carrier is Carrier.HAND:
             route = route_over_crossing(STREET_ANGLE, before, after, lane=SIDEWALK)
             scan_drive = walk_along(route, stream, start_time=SCAN_START)
         else:
-            route = route_over_crossing(STREET_ANGLE, before, after)
-            scan_drive = drive_along(route, stream, slowest=0.25, start_time=SCAN_START)
+            level = drive_along(
+                route_over_crossing(STREET_ANGLE, before, after), stream, slowest=0.25, start_time=SCAN_START
+            )
+            scan_drive = _on_asphalt(level, scan_caster)
         return cls(
-            seed=seed,
-            mapping=MappingDrives(RayCaster(map_city), drives, cls._stream(seed, "map noise")),
-            scan_caster=RayCaster(scan_city),
-            scan_drive=scan_drive,
-            is_moving=carrier is Carrier.HAND,
-        )
+            seed=seed, mapping=MappingDrives(map_caster, drives, cls._stream(seed, "map noise")),
+            scan_caster=scan_caster, scan_drive=scan_drive, is_moving=carrier is Carrier.HAND, changes=changes,
+        )  # fmt: skip
 
     def epochs(self, n_epochs: int, ticks_apart: int | None = None) -> list[Epoch]:
         """Return `n_epochs` epochs evenly spaced in time, numbered one by one."""
@@ -260,7 +293,7 @@ class CampaignWorld(World):
 
     STREAMS = (
         "city", "cars of map", "cars of scans", "map drive", "scan drive", "map noise", "scan noise", "uniform priors",
-        "gnss priors", "georeferencing", "gone", "road users", "traffic", "odometry",
+        "gnss priors", "georeferencing", "gone", "road users", "traffic", "odometry", "months",
     )  # fmt: skip
 
     scan_city: City  # the city on the day of the scans
@@ -268,16 +301,19 @@ class CampaignWorld(World):
     traffic: Traffic | None = None  # vehicles and pedestrians around the car; none if None
 
     @classmethod
-    def build(cls, seed: int, n_rounds: int = 5, *, is_hard: bool = False) -> Self:
+    def build(cls, seed: int, n_rounds: int = 5, *, is_hard: bool = False, changed: float = 0.0) -> Self:
         """Return the world of `seed`, mapped in `n_rounds`; what `is_hard` means stands at `simulate_campaign`."""
         _check_seed(seed)
         if n_rounds < 1:
             raise OptionError(f"Expected at least one round of mapping, got {n_rounds}. The default is 5.")
+        if is_hard and changed:
+            raise OptionError("Expected either a hard campaign or months between map and scans, got both. Leave one.")
+        changes = Counter[Change]()
         if is_hard:
             periodic = build_periodic_city(cls._stream(seed, "city"))
             map_city, scan_city = periodic.city(), periodic.city(periodic.draw_gone(cls._stream(seed, "gone")))
         else:
-            map_city = scan_city = build_city(cls._stream(seed, "city"), grid=CAMPAIGN_GRID)
+            map_city, scan_city, changes = cls._cities(seed, CAMPAIGN_GRID, changed)
         map_city = map_city.with_parked_cars(cls._stream(seed, "cars of map"), OCCUPANCY)
         scan_city = scan_city.with_parked_cars(
             cls._stream(seed, "cars of scans"), HARD_OCCUPANCY if is_hard else OCCUPANCY
@@ -290,13 +326,14 @@ class CampaignWorld(World):
             driver = RoundDriver(speed, turn_speed, acceleration=2.0, n_stops=n_stops)
             start, stream = _next_start(drives), cls._stream(seed, "map drive", i, 1)
             drives.append(drive_round(circuit, driver, stream, height=MAP_HEIGHT, start_time=start))
-        errors = _georeferencing(drives, cls._stream(seed, "georeferencing"))
+        errors, scan_caster = _georeferencing(drives, cls._stream(seed, "georeferencing")), RayCaster(scan_city)
         return cls(
             seed=seed,
             mapping=MappingDrives(RayCaster(map_city), drives, cls._stream(seed, "map noise"), errors),
-            scan_caster=RayCaster(scan_city),
-            scan_drive=_round_of_car(circuit, cls._stream(seed, "scan drive"), SCAN_START),
+            scan_caster=scan_caster,
+            scan_drive=_round_of_car(circuit, cls._stream(seed, "scan drive"), SCAN_START, scan_caster),
             n_epochs_of_drive=MOST_EPOCHS,
+            changes=changes,
             scan_city=scan_city,
             circuit=circuit,
             traffic=Traffic(CAMPAIGN_GRID, cls._stream(seed, "road users")) if is_hard else None,
@@ -314,7 +351,8 @@ class CampaignWorld(World):
             occupancy = OCCUPANCY if self.traffic is None else HARD_OCCUPANCY
             city = self.scan_city.with_parked_cars(self._stream(self.seed, "cars of scans", day), occupancy)
             world = replace(world, scan_city=city, scan_caster=RayCaster(city))
-        return replace(world, scan_drive=_round_of_car(self.circuit, world._of_drive("scan drive"), start))
+        drive = _round_of_car(self.circuit, world._of_drive("scan drive"), start, world.scan_caster)
+        return replace(world, scan_drive=drive)
 
     def odometry(self, errors: OdometryErrors) -> tuple[NDArray[np.float64], list[Pose]]:
         """Times (s) and poses (T_odometry_sensor) over the whole round, ten a second, whichever epochs are taken."""
@@ -329,9 +367,19 @@ class CampaignWorld(World):
         return CrowdedCaster(self.scan_caster, road_users)
 
 
-def _round_of_car(circuit: Circuit, seed: Seed, start: float) -> Drive:
+def _round_of_car(circuit: Circuit, seed: Seed, start: float, caster: RayCaster) -> Drive:
     duration = (MOST_EPOCHS - 1) * EPOCH_STEP
-    return drive_round(circuit, SCAN_DRIVER, seed, height=2.0, start_time=start, duration=duration)
+    level = drive_round(circuit, SCAN_DRIVER, seed, height=2.0, start_time=start, duration=duration)
+    return _on_asphalt(level, caster)
+
+
+def _on_asphalt(drive: Drive, caster: RayCaster) -> Drive:
+    """The drive raised to the surface of the road, in centimetres, whose steps it takes within a metre."""
+    above = np.concatenate([drive.positions[:, :2], np.ones((len(drive.times), 1))], axis=1).astype(np.float32)
+    hits = caster.cast(above, np.broadcast_to(np.array([0.0, 0.0, -1.0], np.float32), above.shape))
+    heights = np.pad(np.round(1.0 - hits.ranges.astype(np.float64), 2), 10, mode="edge")
+    rises = np.convolve(heights, np.full(21, 1.0 / 21.0), mode="valid")
+    return replace(drive, positions=drive.positions + rises[:, None] * np.array([0.0, 0.0, 1.0]))
 
 
 ROAD_LENGTH = 460.0  # default, m: a minute at 28 km/h
