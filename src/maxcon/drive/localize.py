@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """A drive, epoch after epoch: localized from priors of a trajectory, tracked, or found in the whole map without any."""
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -87,7 +89,7 @@ class EpochEstimate:
     reason: str = ""
     crs: str = ""
 
-    def without_points(self) -> "EpochEstimate":
+    def without_points(self) -> EpochEstimate:
         """Return the same answer without the points, to keep over a long drive."""
         nothing = np.empty((0, 3))
         return replace(
@@ -120,7 +122,7 @@ def localize_drive(
 
 
 def track_drive(
-    point_map: PointMap, scans: Scans, prior: Trajectory, tracker: "Tracker", odometry: Trajectory | None = None,
+    point_map: PointMap, scans: Scans, prior: Trajectory, tracker: Tracker, odometry: Trajectory | None = None,
     options: DriveOptions | None = None,
 ) -> Iterator[EpochEstimate]:  # fmt: skip
     """Return an iterator over the estimates of all scans, each searched where the one before and the motion allow.
@@ -142,7 +144,7 @@ def track_drive(
 
 
 def tracked_epoch(
-    point_map: PointMap, tracker: "Tracker", epoch: int, read: Read, own: Pose | None, motion: Motion | None
+    point_map: PointMap, tracker: Tracker, epoch: int, read: Read, own: Pose | None, motion: Motion | None
 ) -> EpochEstimate:
     """Return a tracker's answer for a scan of `read_epoch`, its `own` prior (local frame) and its motion, if known."""
     if motion is not None:
@@ -174,7 +176,7 @@ def _motions(times: Sequence[float], poses: Sequence[Pose | None]) -> list[Motio
 
 
 def relocalize_drive(
-    scans: Scans, relocalizer: "Relocalizer", options: DriveOptions | None = None, *, first: int = 0
+    scans: Scans, relocalizer: Relocalizer, options: DriveOptions | None = None, *, first: int = 0
 ) -> Iterator[EpochEstimate]:
     """Return an iterator over the estimates of all scans without a prior; MapError if a scanner may stand nowhere."""
     options = options or DriveOptions()
@@ -202,7 +204,7 @@ class Drive:
     priors: list[Pose | None]
 
     @classmethod
-    def of(cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions) -> "Drive":
+    def of(cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions) -> Drive:
         """Return a drive with its priors found; errors as of `localize_drive`."""
         return cls(point_map, scans, prior, method, options, _priors_of_scans(point_map, scans, prior, options))
 
