@@ -131,6 +131,18 @@ def test_a_scan_without_walls_has_nothing_that_could_confirm_it(room):
     assert (answer.status, answer.reason) == (Status.WALLS_MISSING, "the scan has hardly any wall points")
 
 
+@pytest.mark.parametrize(("height", "fit", "status"), [
+    (-1.0, None, Status.LOCALIZED), (0.0, None, Status.NOT_CONFIRMED), (0.0, ground(), Status.LOCALIZED),
+])  # fmt: skip
+def test_without_a_ground_fit_a_scan_that_lies_below_the_ground_is_refused(room, height, fit, status):
+    x, y = (grid.ravel() for grid in np.meshgrid(*2 * [np.arange(-8.0, 8.0, 0.1)]))
+    floor = np.column_stack([x, y, np.full(len(x), height)])
+    grounded = PointMap.from_points(room[0], room[1], 0.06, ground=floor)
+    answer = validate(found(), fit, seen(room, 8000), grounded, Trust(), RISK)
+    assert answer.status is status
+    assert ("below the map's ground: is roll or pitch wrong?" in answer.reason) is (status is Status.NOT_CONFIRMED)
+
+
 def test_the_orientation_bin_with_the_lowest_share_is_given():
     rng = np.random.default_rng(0)
     here = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -97,6 +97,14 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
     )  # fmt: skip
 
 
+def share_below_ground(scan: Scan, point_map: PointMap, pose: Pose) -> float:
+    """Of the lowest points of a scan at a pose, the share clearly below the map's ground; 0 where too few are known."""
+    if not (point_map.has_ground and len(scan)):
+        return 0.0
+    _, below = _below_ground(scan, point_map, pose)
+    return float(np.mean(below > UNDER)) if len(below) >= FEWEST_CELLS else 0.0
+
+
 def other_storeys(point_map: PointMap, pose: Pose) -> list[float]:
     """How far the next storeys of the map's ground lie above (and below, negative) the one under a pose, m."""
     heights = point_map.ground_around(pose.x, pose.y, AROUND).heights

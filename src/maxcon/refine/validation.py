@@ -13,7 +13,7 @@ from maxcon.integrity import Trust, protection_level
 from maxcon.map import PointMap
 from maxcon.refine.adjustment import HEIGHT_SIGMA, PASSES, TILT_SIGMA, Pass, Refined, covariance, refine, table_around
 from maxcon.refine.fit import fit_of
-from maxcon.refine.ground import GroundFit
+from maxcon.refine.ground import GroundFit, share_below_ground
 from maxcon.scan import Scan
 
 # A height and a tilt told by the ground are not taken for better than this, m and rad: of walls and ground in the map
@@ -24,6 +24,8 @@ LEVEL = 0.5
 FOUND_WITHIN = 0.08
 N_BINS = 6
 FEWEST_POINTS = 20
+# Without a ground fit, an answer is in doubt where more of the scan's lowest points lie below the map's ground.
+MOST_BELOW_GROUND = 0.05
 # Added to the numbers of found and of all points: 2 of 20 are less certain than 20 of 200.
 FOUND_BEFORE, ALL_BEFORE = 2, 4
 
@@ -76,6 +78,11 @@ def validate(
         reason = "; ".join(filter(None, [found.reason, fit.words]))
         if fit.misfit > trust.largest_misfit or (is_image_better and fit.refined is refined):
             return replace(found, pose=start, status=Status.MISFIT, reason=reason)
+        below = 0.0 if ground is not None else share_below_ground(scan, point_map, fit.refined.pose)
+        if below > MOST_BELOW_GROUND:
+            words = f"{below:.0%} of the scan's lowest points lie below the map's ground: is roll or pitch wrong?"
+            reason = "; ".join(filter(None, [reason, words]))
+            return replace(found, pose=start, status=Status.NOT_CONFIRMED, reason=reason)
         pose, errors = fit.refined.pose, covariance(fit.refined, point_map.sigma) + fit.covariance
         level = protection_level(errors, pose.heading, risk)
         return replace(found, pose=pose, status=status, covariance=errors, protection_level=level, reason=reason)
