@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 import maxcon
-from drawn_figures import yard
+from drawn_figures import parts, yard
 from maxcon.errors import FileError
 from maxcon.plotting.figure import Window, count_voxels, round_length, saved_figure
 
@@ -52,3 +52,17 @@ def test_voxels_over_each_square_are_counted_and_large_windows_have_larger_squar
 @pytest.mark.parametrize(("length", "expected"), [(0.7, 0.5), (1.0, 1.0), (4.9, 2.0), (15.0, 10.0), (350.0, 200.0)])
 def test_scale_bars_are_ofround_length(length, expected):
     assert round_length(length) == pytest.approx(expected)
+
+
+def test_figures_are_returned_and_without_a_path_not_written(tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    monkeypatch.chdir(tmp_path)
+    poses = maxcon.Trajectory.from_poses([0.0], [yard().prior])
+    shown = [
+        maxcon.plot_poses(None, poses, yard().point_map),
+        maxcon.plot_drive(None, [[0.0, 0.0], [1.0, 0.0]], [0.1, 0.2]),
+        maxcon.plot_epoch(None, **parts(), title="A yard"),
+    ]
+    assert all(isinstance(figure, Figure) for figure in shown)
+    assert list(tmp_path.iterdir()) == []

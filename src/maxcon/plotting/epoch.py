@@ -38,17 +38,17 @@ from maxcon.search.space import SearchSpace
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import SubFigure
+    from matplotlib.figure import Figure, SubFigure
     from matplotlib.image import AxesImage
 
 
 def plot_epoch(
-    path: str | os.PathLike[str], *, accumulator: Accumulator, objective: Objective | str, estimate: Estimate,
+    path: str | os.PathLike[str] | None, *, accumulator: Accumulator, objective: Objective | str, estimate: Estimate,
     scan: Scan, point_map: PointMap, title: str, reference: Pose | None = None,
-) -> None:  # fmt: skip
+) -> Figure:  # fmt: skip
     """Draw the search space of an epoch, heading by heading, and the scan in the map from above.
 
-    - path: a .png or .svg to write.
+    - path: a .png or .svg to write; None: only the figure is returned, as notebooks show it.
     - accumulator: the moments of every cell, and the prior.
     - objective: scores the cells, for their colours: one of yours, "helmert", "count" or "max-eigenvalue".
     - estimate: the answer that was found from them.
@@ -67,6 +67,7 @@ def plot_epoch(
         _draw_panels(left, view, reference)
         handles = draw_scene(right.subplots(), scene)
         right.legend(handles=handles, loc="outside lower center", ncols=3, columnspacing=1.4)
+    return figure
 
 
 def _draw_panels(figure: SubFigure, view: SearchSpaceView, reference: Pose | None) -> None:

@@ -45,17 +45,17 @@ def check_matplotlib() -> None:
 
 @contextmanager
 def saved_figure(
-    path: str | os.PathLike[str], width: float, height: float, title: str, lines: str
+    path: str | os.PathLike[str] | None, width: float, height: float, title: str, lines: str
 ) -> Iterator["Figure"]:
     """Yield a figure of some inches to draw on, with a title; it is written to `path` when the block ends well.
 
-    path: ends in .png, of 120 pixels to the inch, or .svg.
+    path: ends in .png, of 120 pixels to the inch, or .svg; None: not written.
     title, lines: written at the top left; a $ in them begins no formula.
 
     Axes and outer legends share the room below the title by themselves.
     """
-    kind = Path(path).suffix.lower().removeprefix(".")
-    if kind not in _METADATA:
+    kind = "" if path is None else Path(path).suffix.lower().removeprefix(".")
+    if path is not None and kind not in _METADATA:
         raise OptionError(f"Expected the name of a picture to end in .png or .svg, got {os.fspath(path)!r}. Rename it.")
     check_matplotlib()
     import matplotlib
@@ -75,6 +75,8 @@ def saved_figure(
         figure.set_layout_engine("constrained", rect=rect, w_pad=0.08, h_pad=0.06)
         yield figure
         _keep_layout(figure)
+        if path is None:
+            return
         with atomic_file(path) as partial:
             figure.savefig(partial, format=kind, metadata=_METADATA[kind])
 
@@ -194,7 +196,7 @@ SIDE = 6.6  # longer side of a map that fills a figure, inches
 
 @contextmanager
 def map_figure(
-    path: str | os.PathLike[str], window: Window, point_map: "PointMap | None", titles: tuple[str, str],
+    path: str | os.PathLike[str] | None, window: Window, point_map: "PointMap | None", titles: tuple[str, str],
     side: float = SIDE,
 ) -> Iterator[tuple["Figure", "Axes"]]:  # fmt: skip
     """Yield a figure with the map of a window, its longer side about so many inches, and its axes."""

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,17 +15,20 @@ from maxcon.map import PointMap
 from maxcon.plotting.figure import INK, MUTED, SERIES, Window, map_figure, saved_figure
 from maxcon.scan.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 # More arrows than this cover each other.
 N_ARROWS = 60
 
 
 def plot_poses(
-    path: str | os.PathLike[str], poses: Trajectory, point_map: PointMap, *, prior: Trajectory | None = None,
+    path: str | os.PathLike[str] | None, poses: Trajectory, point_map: PointMap, *, prior: Trajectory | None = None,
     title: str = "Poses on the map",
-) -> None:  # fmt: skip
+) -> Figure:  # fmt: skip
     """Draw poses on the map from above, with their headings.
 
-    - path: a .png or .svg to write.
+    - path: a .png or .svg to write; None: only the figure is returned, as notebooks show it.
     - poses: T_map_sensor, global coordinates in the CRS of the map, as `read_trajectory` reads them from POSES.csv.
     - point_map: drawn below, in grey.
     - prior: rough poses, likewise; drawn as a line.
@@ -45,15 +49,16 @@ def plot_poses(
             scale=18.0 / max(window.size), width=0.004, zorder=6,
         )  # fmt: skip
         figure.legend(loc="outside lower left", ncols=2)
+    return figure
 
 
 def plot_drive(
-    path: str | os.PathLike[str], positions: ArrayLike, errors: ArrayLike, *, point_map: PointMap | None = None,
+    path: str | os.PathLike[str] | None, positions: ArrayLike, errors: ArrayLike, *, point_map: PointMap | None = None,
     title: str = "The drive from above", success: float = 0.3,
-) -> None:  # fmt: skip
+) -> Figure:  # fmt: skip
     """Draw the drive from above, each epoch in the colour of its error.
 
-    - path: a .png or .svg to write.
+    - path: a .png or .svg to write; None: only the figure is returned, as notebooks show it.
     - positions: shape (n, 2) or (n, 3); reference positions, local frame, m.
     - errors: shape (n,); distance of each estimate to the reference, m; NaN where it did not localize.
     - point_map: drawn below, in grey.
@@ -82,6 +87,7 @@ def plot_drive(
         axes.plot(*places[is_missing].T, "x", ms=9, mec="black", mew=2.2, zorder=5, label="not localized")
         figure.colorbar(colors, ax=axes, label="error [m]")
         figure.legend(loc="outside lower left", ncols=3)
+    return figure
 
 
 def plot_residuals(
