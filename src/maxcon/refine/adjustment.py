@@ -19,16 +19,12 @@ __all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "covariance", "map_covarianc
 
 
 class Pass(NamedTuple):
-    """How partners (planes of the map) are looked for before the Gauss-Newton steps of one pass.
+    """How partners (planes of the map) are looked for in one pass."""
 
-    A partner lies at most `along` voxels away along the normal of a point, `around` along the axes from one without;
-    from the distance `gate` (m) on it does not count. One point of `every` is used.
-    """
-
-    along: int
-    around: int
-    gate: float
-    every: int
+    along: int  # voxels along the normal of a point, at most
+    around: int  # voxels along the axes from a point without a normal
+    gate: float  # distance from which on a partner does not count, m
+    every: int  # one point of so many is used
 
 
 # From large cells, which are off by up to a metre and 1.6 degrees: few points, and distant partners at first.
@@ -48,17 +44,13 @@ PASSES = (
     Pass(5, 3, gate=0.21, every=8),
     *LAST_PASSES,
 )
-FEWEST_OF_MANY = 200
-"""Of a scan so small that fewer points would be left, more than one of `every` are used."""
+FEWEST_OF_MANY = 200  # of a scan so small that fewer points would be left, more than one of `every` are used
 STEPS_PER_PASS = 2
-AT_REST = 1e-4
-"""A pass ends with a step that moves by less than this, m, and turns by less than a hundredth of it, rad."""
-LEAST_COSINE = 0.8
-"""Of the angle between the normals of a point and of its partner."""
+AT_REST = 1e-4  # a pass ends with a step that moves by less than this, m, and turns by less than a hundredth of it, rad
+LEAST_COSINE = 0.8  # of the angle between the normals of a point and of its partner
 REACH = 1.0
 """How far points may move while a pose is adjusted, m: map tiles within it of the scan are searched for partners."""
-MATCH_SIGMA = 0.05
-"""Standard deviation of one point-to-plane distance, m: the weight of the start is relative to it."""
+MATCH_SIGMA = 0.05  # standard deviation of one point-to-plane distance, m: the weight of the start is relative to it
 POSITION_SIGMA, HEADING_SIGMA = 1.0, math.radians(5.0)
 """The start is an observation too, with these standard deviations, m and rad: weak, but it fixes any open direction."""
 HEIGHT_SIGMA, TILT_SIGMA = 0.3, math.radians(1.0)
@@ -66,8 +58,7 @@ HEIGHT_SIGMA, TILT_SIGMA = 0.3, math.radians(1.0)
 
 CLUSTER_EDGE = 3.0
 """Edge, m, of the cubes within which points of one orientation bin are off together; walls are this deep."""
-N_BINS = 12
-"""Orientation bins: sectors of azimuth, of a full turn, that normals are sorted into."""
+N_BINS = 12  # orientation bins: sectors of azimuth, of a full turn, that normals are sorted into
 STEEPEST = 0.7
 """Normals with a larger vertical part are up or down, which is one bin more; others are sorted by azimuth."""
 SCATTER_FACTORS = np.array([1.2, 1.2, 1.35, 1.35, 1.35, 1.2])
@@ -84,31 +75,22 @@ TILT_LENGTH, TURN_LENGTH = 20.0, 50.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """A pose adjusted to the map, and the points and planes that determine it.
+    """A pose adjusted to the map, and the n points (sensor frame) and planes that determine it.
 
-    pose: T_map_sensor, local frame.
-    points, normals: shape (n, 3); those of the scan that were used, sensor frame, m; normals of zeros for none.
-    planes: shape (n, 4); the plane of the map on which each point lies, local frame: unit normal, and its scalar
-        product with a point of the plane; zeros where none was found.
-    residuals: shape (n,); signed distance of each point from its plane, m; infinite without one.
-    weights: shape (n,); weight of each point, 0 to 1.
-    normal_matrix: shape (6, 6); of x, y, z, roll, pitch and heading: sum of w g g' over the points, g the gradient of a
-        distance.
-    start_weights: shape (6,); what the start, being an observation too, adds to the diagonal of the normal matrix.
-    moved: how far the pose lies from the start in x and y, m.
-    turned: how far the pose is turned from the start in heading, rad.
+    Planes, (n, 4), local frame: unit normal and offset, zeros where a point has none; residuals are infinite there.
+    The normal matrix is of x, y, z, roll, pitch and heading; `start_weights` is what the start adds to its diagonal.
     """
 
-    pose: Pose
+    pose: Pose  # T_map_sensor, local frame
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
     planes: NDArray[np.float64]
-    residuals: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    residuals: NDArray[np.float64]  # (n,), signed distances, m
+    weights: NDArray[np.float64]  # (n,), 0 to 1
     normal_matrix: NDArray[np.float64]
     start_weights: NDArray[np.float64]
-    moved: float
-    turned: float
+    moved: float  # from the start in x and y, m
+    turned: float  # from the start in heading, rad
 
     @property
     def n_planes(self) -> int:
@@ -126,19 +108,10 @@ def refine(
     passes: Sequence[Pass] = PASSES,
     table: VoxelTable | None = None,
 ) -> Refined:
-    """Adjust a pose to the map: minimize the weighted squares of point-to-plane distances n . r, in all six unknowns.
+    """Adjust a pose to the map: minimize Tukey-weighted squares of point-to-plane distances n . r, in all six unknowns.
 
-    Each point has one partner at a time, the plane of a voxel. For a point with a normal it is the nearest plane among
-    the voxels along that normal whose own normals agree; for one without, the plane of the voxel along the axes whose
-    mean is nearest. Planes go through the means of the map points in voxels, not through voxel centres. Partners are
-    looked for anew as the pose moves; weights are Tukey's, zero from a distance of 0.21 m on.
-
-    scan: sensor frame; its `sample` is used.
-    point_map: the map.
-    start: T_map_sensor to start from, local frame, within some 0.2 m and a degree.
-    height_sigma, tilt_sigma: standard deviations of the start's height, m, and of its roll and pitch, rad.
-    passes: the last one with the gate of 0.21 m.
-    table: the voxels around the start, if they are at hand.
+    Each point of the scan's sample has one partner at a time: along its normal the nearest plane that agrees, without a
+    normal that of the nearest mean along the axes. The start is within 0.2 m and a degree; sigmas, m and rad, hold it.
     """
     sample = scan.sample
     if table is None:
@@ -206,11 +179,8 @@ def table_around(sample: Scan, point_map: PointMap, poses: Sequence[Pose]) -> Vo
 def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
     """Covariance of x, y, z, roll, pitch and heading, shape (6, 6), map axes, m^2, m rad and rad^2.
 
-    A sum of three parts. The scatter of the adjustment is the cluster-robust "sandwich" A^-1 B A^-1: A is its normal
-    matrix, and B sums g g' over clusters of points, g the sum of weight times residual times gradient over a cluster.
-    Points of one surface are off together; taken for independent, they would promise too much of real scans. Whole
-    walls are off by a part of the map's sigma, propagated through the same equations. And the map itself is off, by
-    `map_sigma` (m) along any axis.
+    A cluster-robust sandwich, as points of one surface are off together; plus a part of `map_sigma` (m) for each whole
+    wall; plus `map_sigma` for the map as a whole.
     """
     from maxcon.refine import kernels
 

@@ -43,20 +43,13 @@ IN_REACH, IN_REACH_DEG = 0.5, 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A pose that large cells left open, adjusted to the map.
+    """A pose that large cells left open, adjusted to the map."""
 
-    - pose: T_map_sensor, local frame.
-    - score: by the objective.
-    - moments: shape (4,); of the sample at the pose, in the map's own voxels.
-    - share: of the points of the sample that match.
-    - is_mirrored: whether the mirror image of the scan fits better.
-    """
-
-    pose: Pose
-    score: float
-    moments: Moments
-    share: float
-    is_mirrored: bool = False
+    pose: Pose  # T_map_sensor, local frame
+    score: float  # by the objective
+    moments: Moments  # (4,), of the sample, in the map's own voxels
+    share: float  # of the points of the sample that match
+    is_mirrored: bool = False  # whether the mirror image of the scan fits better
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +64,7 @@ class Scoring:
 def find_candidates(
     scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, ratio: float, scoring: Scoring, n_threads: int = 1
 ) -> tuple[list[Candidate], float]:
-    """Find the candidates of an open space, the highest score first, and the ratio that no other place exceeds.
-
-    scan: all its points.
-    point_map, prior, space: as of `coarse_search`.
-    ratio: to the score of the best large cell, from which on others are followed.
-    scoring: by which the candidates are ordered.
-    """
+    """Find the candidates of an open space, the highest score first, and the ratio that no other place exceeds."""
     if space.half_width <= IN_REACH and space.heading_half_width_deg <= IN_REACH_DEG and not space.height_half_width:
         left_open = coarse.LeftOpen([prior], 0.0)
     else:
@@ -134,10 +121,7 @@ def adjusted_candidate(
     scoring: Scoring,
     table: VoxelTable | None = None,
 ) -> Candidate:
-    """Return the candidate that a start is adjusted to, by the sample of a scan.
-
-    table: the voxels around it, if they are at hand.
-    """
+    """Return the candidate that a start is adjusted to, by the sample of a scan."""
     if table is None:
         table = table_around(sample, point_map, [start])
     is_held = passes is FROM_LARGE_CELLS and not point_map.has_ground

@@ -30,8 +30,7 @@ CONTRIBUTION_STEP = 2.0**-24
 ROUNDER = 1.5 * 2.0**52 * CONTRIBUTION_STEP
 """Adding and subtracting this rounds a float64 to multiples of the step, ties to even, as numpy.rint does."""
 
-MOST_CELLS = 2**26
-"""Most cells of an accumulator: so many take 2 GiB, 32 bytes each."""
+MOST_CELLS = 2**26  # most cells of an accumulator: so many take 2 GiB, 32 bytes each
 
 
 class NamedOption(StrEnum):
@@ -141,11 +140,7 @@ def highest(scores: Scores) -> Cell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UprightScan:
-    """A scan after applying the prior's roll, pitch and z, but not its heading (D2).
-
-    points: shape (n, 3); m; x and y from the sensor, z in the local frame of the map.
-    normals: shape (n, 3); unit normals or zeros, same axes.
-    """
+    """A scan, (n, 3), turned by the prior's roll and pitch and raised by its z, not turned by its heading (D2)."""
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
@@ -184,10 +179,7 @@ def level_of(point_map: PointMap, space: SearchSpace) -> PointMap:
 
 
 def cells_of(space: SearchSpace, point_map: PointMap) -> SearchSpace:
-    """Return a space whose cells are the map's voxels, so that a shift by a cell is one by a voxel (D4).
-
-    An open space is given them; `SearchSpaceError` if one has other cells.
-    """
+    """Return a space whose cells are the map's voxels (D4): an open one is given them, others are refused."""
     space = space.at(point_map.cell)
     if not np.isclose(space.cell_edge, point_map.cell, rtol=1e-9, atol=0.0):
         raise SearchSpaceError(

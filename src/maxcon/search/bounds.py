@@ -32,18 +32,14 @@ LEFT_OUT, LEFT_OUT_OF_SCAN = 0.1, 0.01
 """Voxels are left out of sums if all of them add less than this fraction of the asked score; or, before any cell is
 scored, of what all points could add along the axis that they determine least."""
 
-SUM_STEPS = 4096
-"""Steps in which the least sum is sought with which a cell can reach the asked score."""
+SUM_STEPS = 4096  # steps in which the least sum is sought with which a cell can reach the asked score
 
 
 @dataclass(frozen=True, slots=True)
 class Summand:
-    """The single number that a match adds to the sum of its cell.
+    """What a match adds to its cell's sum: w (n . u)^2, u of azimuth axis * pi / N_AXES, or 1 without an axis.
 
-    axis: number of the axis u, of azimuth axis * pi / N_AXES: a match adds w (n . u)^2, its part of N along u. Without
-        one it adds 1.
-    least: voxels with a (n . u)^2, times how often the voxel counts, of no more than this are left out; the slack has
-        this much for each scan point instead, as none falls in more than one voxel at one cell.
+    Voxels with no more than `least`, times how often they count, are left out; the slack has this for each scan point.
     """
 
     axis: int | None = None
@@ -60,20 +56,13 @@ class Summand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellSums:
-    """What the matches of each cell at some headings add up to at most: whole units of one size, and slack for all.
-
-    summand: what was summed.
-    headings: shape (h,); their numbers in the search space, in order.
-    units: shape (h, ny, nx); the sums over the voxels that were not left out, in units.
-    unit: one unit.
-    slack: most that rounding, and the voxels that were left out, add to any sum.
-    """
+    """What the matches of each cell at some headings add up to at most: whole units of one size, and slack for all."""
 
     summand: Summand
-    headings: Headings
-    units: NDArray[np.signedinteger]
+    headings: Headings  # (h,), in order
+    units: NDArray[np.signedinteger]  # (h, ny, nx), over the voxels that were not left out
     unit: float
-    slack: float
+    slack: float  # most that rounding, and what was left out, add to any sum
 
     def at(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         """Sums of some cells (n, 3) of these headings."""
@@ -108,10 +97,7 @@ class CellSums:
 
 @dataclass(frozen=True, eq=False)
 class Bounding(ABC):
-    """A kind of bound: what is summed over the matches of a cell, and the most that a cell with such a sum scores.
-
-    A new kind is a class with the three abstract methods; `bounding_of` chooses it.
-    """
+    """What is summed over the matches of a cell, and the most that a cell scores; `bounding_of` chooses the kind."""
 
     prepared: PreparedScan
     weight: ClassVar[float | None] = None
@@ -184,10 +170,7 @@ class ByCount(Bounding):
 
 @dataclass(frozen=True, eq=False)
 class ByAxes(Bounding):
-    """Bounds by N along two axes at right angles, of the points that add to N.
-
-    Summed is the axis that is determined least; across it, all that the points could add is taken to be there.
-    """
+    """Bounds by N along the least determined axis; across it, all that the points could add is taken to be there."""
 
     objective: BoundedByAxes
 

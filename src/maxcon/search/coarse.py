@@ -7,10 +7,7 @@ It is bounded first by sums of bytes along two axes, which is fast, and computed
 """
 
 import math
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,50 +18,40 @@ from maxcon.map import PointMap
 from maxcon.map.layout import NORMAL_STEPS, PRODUCT_STEPS
 from maxcon.map.normal_grid import NormalGrid
 from maxcon.search.objectives import Helmert, Scores
+from maxcon.search.prepared_scan import in_threads
 from maxcon.search.space import SearchSpace
 
 CELL, STEP_DEG = 0.48, 2.0
 """Edge of large cells, m, of which the nearest level of the map is taken; step between headings, degrees."""
-THINNING = 2.0
-"""Edge of the cubes of which one point each is searched with, m."""
+THINNING = 2.0  # edge of the cubes of which one point each is searched with, m
 FARTHEST, BELOW, ABOVE = 60.0, 5.0, 13.0
 """Points farther away, and more below or above the sensor, are not searched with, m."""
 MOST_CELLS, MOST_VOXELS = 2**26, 2**29
 """Larger search spaces, and dense grids around them, take more than 2 GB, and are refused."""
 MOST_CANDIDATES = 12
-SAME_POSE, SAME_POSE_DEG = 1.0, 4.0
-"""Cells this near to each other, m and degrees, are one candidate."""
+SAME_POSE, SAME_POSE_DEG = 1.0, 4.0  # cells this near to each other, m and degrees, are one candidate
 AT_ONCE, MOST_CERTAIN = 64, 0.9
 """So many cells are scored at once; at first some whose bound reaches this ratio to the highest one."""
 IMAGE_RATIO, IMAGE_WITHIN, IMAGE_WITHIN_DEG = 0.75, 6.0, 4.0
 """A mirror image that scores so much of the scan itself, so near to its best cell, m and degrees, is told of."""
-MOST_SCORED = 4096
-"""Where so many cells are worth nothing, as along a single wall, no more are scored."""
+MOST_SCORED = 4096  # where so many cells are worth nothing, as along a single wall, no more are scored
 
 
 @dataclass(frozen=True, slots=True)
 class LeftOpen:
-    """Poses of large cells near the best, the highest score first; no other exceeds the ratio `rest_ratio` to it.
-
-    image: where the mirror image of the scan scores most near the best pose, if it comes near its score.
-    """
+    """Poses of large cells near the best, the highest score first; no other exceeds `rest_ratio` to it."""
 
     poses: list[Pose]
     rest_ratio: float
-    image: Pose | None = None
+    image: Pose | None = None  # where the mirror image scores most near the best pose, if nearly as much
 
 
 def coarse_search(
     points: NDArray[np.float64], point_map: PointMap, prior: Pose, space: SearchSpace, ratio: float, n_threads: int = 1
 ) -> LeftOpen:
-    """Find all large cells of an open space that reach a ratio to the best one; of near ones the highest.
+    """Find all large cells of an open space, at every height, that reach a ratio to the best; of near ones the highest.
 
-    points: shape (n, 3), sensor frame, m, one of each cube of `THINNING`, without the ground.
-    point_map: the level nearest to `CELL` is searched.
-    prior, space: as of `exhaustive`; heights are searched, too.
-    ratio: above 0 to 1.
-    n_threads: headings are shared among so many threads; the answer does not depend on it.
-    Returns no poses where nothing scores.
+    points: shape (n, 3), sensor frame, one of each cube of `THINNING`, without the ground. No poses if nothing scores.
     """
     level = point_map.nearest_level(CELL)
     cells = space.at(level.cell, STEP_DEG)
@@ -115,10 +102,7 @@ def highest_cells(
     best: float,
     n_threads: int,
 ) -> tuple[Scores, NDArray[np.int64]]:
-    """Scores and indices, shape (m, 3), of all cells that reach a ratio to the best one, or to `best`.
-
-    det N / tr N is at most Nuu Nvv / (Nuu + Nvv), and so less than Nuu, for any axes u and v at right angles.
-    """
+    """Scores and indices, (m, 3), of cells that reach a ratio to the best one, or `best` (bounds: design section 3)."""
     from maxcon.search import coarse_kernels
 
     headings = prior.heading + cells.headings
@@ -133,7 +117,7 @@ def highest_cells(
                 points, headings[part], rows[part], corner, grid.cell, grid.low, grid.shape, values, total[part]
             )
 
-        _in_parts(add, len(headings), n_threads)
+        in_threads(add, len(headings), n_threads, n_threads)
         return total
 
     def scores(asked: NDArray[np.int64]) -> Scores:
@@ -163,16 +147,6 @@ def highest_cells(
         best = max(best, found.max())
     reaching = (found > 0.0) & (found >= ratio * best)
     return found[reaching], asked[: len(found)][reaching]
-
-
-def _in_parts(call: Callable[[slice], None], n: int, n_threads: int) -> None:
-    """Call with slices of so many items, from several threads."""
-    if n_threads == 1:
-        call(slice(0, n))
-        return
-    edges = np.linspace(0, n, n_threads + 1).astype(int)
-    with ThreadPoolExecutor(n_threads) as pool:
-        list(pool.map(call, [slice(low, high) for low, high in pairwise(edges)]))
 
 
 def _distinct(scores: Scores, found: NDArray[np.int64], cells: SearchSpace, prior: Pose) -> list[tuple[float, Pose]]:

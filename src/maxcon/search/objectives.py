@@ -58,15 +58,11 @@ class BoundedByAxes(Objective, Protocol):
         ...
 
 
-Bounded = BoundedByCount | BoundedByAxes
-"""An objective that branch and bound can bound."""
+Bounded = BoundedByCount | BoundedByAxes  # an objective that branch and bound can bound
 
 
 def scores_of(objective: Objective, moments: Moments) -> Scores:
-    """Scores, shape (...), of moments, shape (..., 4): checked, as a user's own objective may return anything.
-
-    `OptionError`, with the line of the user's file, where it raises; `ArrayError` as of `checked_scores`.
-    """
+    """Checked scores, (...), of moments, (..., 4); where a user's own raises, `OptionError` with its file and line."""
     name = f"{type(objective).__module__}.{type(objective).__qualname__}"
     try:
         scores = objective.score(moments)

@@ -25,8 +25,7 @@ from maxcon.search.accumulator import Multiplicity, Weighting, upright
 from maxcon.search.objectives import Moments
 from maxcon.search.space import SearchSpace
 
-SQUARE_BITS = 4
-"""Points of one height layer in a square of 2^4 x 2^4 voxels are a group: they visit the map together."""
+SQUARE_BITS = 4  # points of one height layer in a square of 2^4 x 2^4 voxels are a group: they visit the map together
 
 # Bits that the y and x of a square, and a layer, take of the number by which points are sorted: 63 in all.
 KEY_BITS = 18
@@ -38,50 +37,32 @@ PASS_HEADINGS, PASS_CELLS = 16, 2**20
 # Headings at which the turned scan is kept for more single cells; the oldest is dropped first.
 MOST_HEADINGS_KEPT = 32
 
-Headings = NDArray[np.int64]
-"""Numbers of some headings of a search space, shape (h,)."""
+Headings = NDArray[np.int64]  # numbers of some headings of a search space, shape (h,)
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedScan:
     """An upright scan in groups of neighbouring points, and the tiles that it can fall in at any cell of a space.
 
-    Points of one height layer in one square of voxels, at the prior's heading, are a group: at any cell they fall in
-    nearly the same voxels of the map, so that these are read once for all of them. Those with a normal come first in
-    it, those in one voxel follow each other; neighbouring groups lie in neighbouring squares. With weights of one
-    normals are dropped here: all points take `without_normal`.
-
-    point_map: the map.
-    prior: T_map_sensor before localization, local frame of the map.
-    space: the cells, around the prior.
-    points: shape (2, n); x and y of each point of the upright scan, from the sensor, m.
-    normals: shape (3, n); normals of the points of the upright scan, not turned by any heading.
-    starts, middles: shape (groups + 1,) and (groups,); first point of each group, and its first without a normal.
-    layers: shape (groups,); height layer of each group, its z voxel index.
-    tiles: tiles by their slot in the grid.
-    corner, shape: key (x, y) of the first tile of the grid that covers the tiles, and its size (ny, nx).
-    cell: voxel edge of the map, m: that of the space may differ from it by rounding.
-    is_once: whether a voxel counts once.
-    without_normal: weight of the matches of points without a normal.
-    spread: shape (3,); sums of nx nx, nx ny and ny ny over all normals of the upright scan, not turned by any heading:
-        from them follows which axis is probably determined least, before anything is scored.
+    A group is the points of one layer in one square of voxels at the prior's heading: they fall in nearly the same
+    voxels at any cell. Those with a normal come first in it. With weights of one normals are dropped.
     """
 
     point_map: PointMap
     prior: Pose
     space: SearchSpace
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    starts: NDArray[np.int64]
-    middles: NDArray[np.int64]
-    layers: NDArray[np.int64]
-    tiles: dict[int, VoxelTile]
-    corner: TileKey
-    shape: tuple[int, int]
-    cell: float
-    is_once: bool
-    without_normal: float
-    spread: NDArray[np.float64]
+    points: NDArray[np.float64]  # (2, n), x and y from the sensor, not turned by any heading, m
+    normals: NDArray[np.float64]  # (3, n), not turned by any heading
+    starts: NDArray[np.int64]  # (groups + 1,), first point of each
+    middles: NDArray[np.int64]  # (groups,), first point of each without a normal
+    layers: NDArray[np.int64]  # (groups,), z voxel index
+    tiles: dict[int, VoxelTile]  # by their slot in the grid
+    corner: TileKey  # key of the first tile of the grid
+    shape: tuple[int, int]  # of the grid, (ny, nx)
+    cell: float  # the map's voxel edge, from which the space's may differ by rounding
+    is_once: bool  # whether a voxel counts once
+    without_normal: float  # weight of matches of points without a normal
+    spread: NDArray[np.float64]  # (3,), sums of nx nx, nx ny and ny ny
     _at_heading: dict[int, tuple[NDArray[np.int32], NDArray[np.float32]]] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -166,7 +147,7 @@ class PreparedScan:
         def sum_up(part: slice) -> None:
             self._sum_moments(headings[part], moments[part])
 
-        _in_threads(sum_up, len(headings), n_rounds * n_threads, n_threads)
+        in_threads(sum_up, len(headings), n_rounds * n_threads, n_threads)
         return moments
 
     def moments_of_cells(self, heading: int, cells: NDArray[np.int64]) -> Moments:
@@ -197,15 +178,10 @@ class PreparedScan:
         unit: float,
         n_threads: int = 1,
     ) -> NDArray[np.signedinteger]:
-        """Upper limits of the sums over the matches of each cell at some headings, in whole units, shape (h, ny, nx).
+        """Upper limits of the sums of each cell at some headings, in whole units (powers of two), shape (h, ny, nx).
 
-        headings: shape (h,); numbers of the headings.
-        weight: of all matches; None for that of their normals.
-        axis: a match adds its weight times (n . u)^2 along this unit vector u; or its weight, where that is zeros.
-        least: voxels whose (n . u)^2, times how often the voxel counts, is no more than this are left out: the sums
-            lack what they add.
-        unit: what each match adds is rounded up to a multiple of this, a power of two.
-        n_threads: headings are shared out among that many threads; the sums do not depend on it.
+        A match adds its weight (that of normals if None) times (n . u)^2 along the axis u, or its weight if that is
+        zeros, rounded up. The sums lack voxels whose (n . u)^2, times how often they count, is no more than `least`.
         """
         from maxcon.search import window_kernels
         from maxcon.search.visit_kernels import RIM
@@ -227,7 +203,7 @@ class PreparedScan:
                     axis, self._window, width, np.float32(least), np.float32(1.0 / unit), sums[part].reshape(-1),
                 )  # fmt: skip
 
-        _in_threads(sum_up, len(headings), n_threads, n_threads)
+        in_threads(sum_up, len(headings), n_threads, n_threads)
         return sums[:, RIM:-RIM, RIM:-RIM]
 
     def _sum_moments(self, headings: Headings, moments: NDArray[np.float64]) -> None:
@@ -299,10 +275,7 @@ class PreparedScan:
 
     @cached_property
     def _layers_of_tiles(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Number of each point's layer among those of the scan, (n,); and of these in each row of the table, (t, m).
-
-        One too high where a tile has none.
-        """
+        """Number of each point's layer in the scan, (n,); of these in each tile, (t, m), one too high for none."""
         (rows, grid, corner), (layers, ranks) = self._table[:3], np.unique(self.layers, return_inverse=True)
         numbers = np.zeros((len(rows), len(layers)), np.int32)
         for tile in self.tiles.values():
@@ -315,11 +288,7 @@ class PreparedScan:
 def _groups(
     columns: NDArray[np.int32], layers: NDArray[np.int32], is_bare: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Sort points into groups of one square and layer; in a group those with a normal first, then by voxel.
-
-    columns: shape (2, n); layers, is_bare: shape (n,), bare is a point without a normal.
-    Returns the order (n,), and `starts` and `middles` as of `PreparedScan`.
-    """
+    """Order points, (2, n), into groups of one square and layer, those with a normal first; `starts` and `middles`."""
     inside = 2**SQUARE_BITS - 1
     parts = np.stack([columns[1] >> SQUARE_BITS, columns[0] >> SQUARE_BITS, layers])
     keys = np.zeros(columns.shape[1], np.int64)
@@ -334,7 +303,7 @@ def _groups(
     return order, starts, starts[1:] - np.add.reduceat(is_bare[order].astype(np.int64), starts[:-1])
 
 
-def _in_threads(do: Callable[[slice], None], n: int, n_parts: int, n_threads: int) -> None:
+def in_threads(do: Callable[[slice], None], n: int, n_parts: int, n_threads: int) -> None:
     """Call a function with each of the parts of n items, at most so many of them at a time."""
     edges = np.linspace(0, n, min(n, n_parts) + 1).astype(int).tolist()
     parts = [slice(*each) for each in pairwise(edges)]

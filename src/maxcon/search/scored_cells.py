@@ -50,12 +50,7 @@ class Found:
 
 
 class ScoredCells:
-    """Scores cells of one height, and remembers the best, and those that reach what is asked.
-
-    prepared, objective: of scan and map; what a cell is worth.
-    ratio, guard_radius, guarded: as of `branch_and_bound`.
-    known: best cell of another height; only cells that score as much are sought then.
-    """
+    """Scores cells of one height; remembers the best, and those that reach what is asked, and any `known` best."""
 
     def __init__(
         self,

@@ -21,11 +21,9 @@ __all__ = ["PAPER_CELL", "PAPER_STEP_DEG", "Cell", "SearchSpace", "rounded_up"]
 PAPER_CELL, PAPER_STEP_DEG = 0.06, 0.5
 """The paper's cell edge, m, and its step between headings, degrees: also the default where nothing else chose one."""
 
-MOST_CELLS = 2**36
-"""More cells would take branch and bound over a quarter of an hour, and are refused."""
+MOST_CELLS = 2**36  # more cells would take branch and bound over a quarter of an hour, and are refused
 
-MOST_STEPS = 100_000
-"""Most cells in a half width: 6 km at 6 cm. It keeps every number of cells finite."""
+MOST_STEPS = 100_000  # most cells in a half width: 6 km at 6 cm. It keeps every number of cells finite.
 
 GIVE_CELLS = "Give it cells: `space.at(point_map.cell)`."
 
@@ -266,11 +264,7 @@ class SearchSpace:
 
 
 def rounded_up(reach: float, step: float | None, largest: float | None = None, margin: float = 0.0) -> float:
-    """Return the least multiple of `step` that holds `reach` and `margin` steps more, but none beyond `largest`.
-
-    Without a step `reach` is not rounded, and cut to `largest`. What would be too many steps is returned as it is, for
-    `SearchSpace` to refuse.
-    """
+    """Return the least multiple of `step` that holds `reach` and `margin` steps, but none beyond `largest`."""
     most = math.inf if largest is None else largest
     if step is None:
         return min(reach, most)

@@ -44,12 +44,7 @@ class _Cloud:
 
 @dataclass(frozen=True)
 class Gicp(StartedMethod):
-    """Localizes scans by generalized ICP: both clouds are made of small planes.
-
-    Unknown are all six: x, y, z, roll, pitch and heading. In a map without ground, little holds z and pitch. What is
-    said of `Icp` and its options holds here too, but `cofactor` is in units of the variance of one match of two planes
-    that face each other, all else held; `NOT_CONVERGED` is small_gicp's own word.
-    """
+    """Localizes scans by generalized ICP, both clouds made of small planes, in all six unknowns; else as `Icp`."""
 
     gate: float = 3.0
     thinning: float = 0.75
@@ -134,12 +129,7 @@ def _normal_matrix(hessian: NDArray[np.float64], rotation: NDArray[np.float64]) 
 
 @dataclass(frozen=True)
 class CountThenGicp(StartedMethod):
-    """Localizes scans in two steps: where most points hit coarse voxels of the map, then GICP from there.
-
-    The idea of 3D-BBS (branch and bound by hit count in a voxel map) followed by GICP, made from parts of this
-    package: the space around the prior is searched exhaustively; z, roll and pitch are the prior's until GICP
-    starts. The answer is that of GICP from the best cell; the prior with the status `NO_MATCH` if no point hit the map.
-    """
+    """Localizes scans as 3D-BBS followed by GICP does: GICP from the cell at which most points hit coarse voxels."""
 
     half_width: float = 3.0  # largest offset from the prior in x and in y, m; widened to whole voxels and one more
     heading_half_width_deg: float = 2.0  # largest turn from the prior's heading, degrees; widened to whole steps

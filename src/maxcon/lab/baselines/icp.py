@@ -41,12 +41,7 @@ class Residual(NamedOption, option="residual"):
     def normal_equations(
         self, arms: NDArray[np.float64], offsets: NDArray[np.float64], normals: NDArray[np.float64]
     ) -> NormalEquations:
-        """Linearize half the sum of squared residuals at the present pose; a Gauss-Newton step d solves N d = -A^T r.
-
-        arms, offsets, normals, shape (n, 3): from the sensor to each scan point, axes of the map, m; r, m; of the map
-        at q, not used by `POINT`. The rows of A are the derivatives of the residuals; a turn dh moves a point by
-        (-y, x, 0) dh.
-        """
+        """Linearize at the present pose; arms from the sensor, residuals, normals of the map, (n, 3), its axes, m."""
         x, y, _ = arms.T
         matrix, gradient = np.zeros((3, 3)), np.zeros(3)
         for along in [normals] if self is Residual.PLANE else np.eye(3)[:2, None]:
@@ -58,10 +53,7 @@ class Residual(NamedOption, option="residual"):
 
 
 def smallest_step(equations: NormalEquations, arm: float) -> tuple[NDArray[np.float64], bool]:
-    """Shortest step d with N d = -gradient, and whether N leaves no direction open; nothing moves in an open one.
-
-    A turn is as long as the way it moves a point at the distance `arm`, m.
-    """
+    """Shortest step d with N d = -gradient, and whether no direction is open; a turn is as long as at `arm`, m."""
     matrix, gradient = equations
     scale = np.array([1.0, 1.0, 1.0 / max(arm, 1e-3)])
     step, _, rank, _ = np.linalg.lstsq(matrix * np.outer(scale, scale), -scale * gradient, rcond=OPEN_RATIO)
@@ -79,21 +71,11 @@ class _Target:
 
 @dataclass(frozen=True)
 class Icp(StartedMethod):
-    """Localizes scans by ICP: the nearest map point of each scan point, a least-squares step, and again.
-
-    Unknown are x, y and heading, which turns about the sensor; z, roll and pitch are the prior's, as with maximum
-    consensus (D2). The answer is the nearest minimum, which need not be the right one: what it says of itself holds
-    only if it is. Without ground in the map, scan points on the ground, on cars and on bushes find no partner within
-    the gate, or a wrong one at the foot of a facade.
+    """Localizes scans by ICP in x, y and heading; z, roll and pitch are the prior's (D2).
 
     **State the gate with every figure**: from the paper's 5 x 5 starts, point-to-plane fails in 37 of 40 epochs of a
-    simulated drive with 1 m and in none with 3 m; wrong partners within 3 m cost precision instead.
-
-    Of the estimate, `score` is the number of correspondences of the last step, `share` their fraction of the thinned
-    scan, and `cofactor` the inverse of the x, y block of N, with the heading held, in units of one residual's variance;
-    with `point`, N has the same weight in all directions and cannot tell an open one. Status `UNDETERMINED` if N leaves
-    a direction open or nearly so, `NO_MATCH` (and the prior) if no scan point is within the gate, `NOT_CONVERGED` if
-    the last step was not small.
+    simulated drive with 1 m and in none with 3 m. `score` counts the correspondences of the last step, `share` is their
+    fraction; `cofactor` is the inverse of the x, y block of N, which with `point` cannot tell an open direction.
     """
 
     residual: str | Residual = Residual.PLANE  # or "point"

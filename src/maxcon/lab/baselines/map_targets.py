@@ -26,10 +26,7 @@ DRIFT = 5.0  # how far an iteration may carry the sensor before the scan's farth
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A square of the ground, of index floor(coordinate / 20 m) in the local frame, and all within `reach` (m) of it.
-
-    It follows from the start and the scan alone, so that an answer does not depend on what was localized before.
-    """
+    """A square of the ground, of index floor(coordinate / 20 m), and all in `reach` (m): of start and scan alone."""
 
     column: int
     row: int
@@ -73,11 +70,7 @@ def thin(points: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
 def merge_planes(
     points: NDArray[np.float64], normals: NDArray[np.floating], edge: float, *, is_signed: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean point and mean unit normal of each cube of edge `edge` (m), ordered by (z, y, x).
-
-    A normal is zero where the normals in its cube disagree or many are missing (zero): at the edge of a house their
-    mean belongs to no surface. If not signed, n and -n mean the same.
-    """
+    """Return mean point and unit normal (zero where they disagree) of each cube of `edge` (m), ordered by (z, y, x)."""
     cube, n_cubes = _cubes(points, edge)
     if not is_signed:
         normals = turn_alike(normals.astype(np.float64), cube, n_cubes)
@@ -111,21 +104,14 @@ _Planes = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class MapTargets:
-    """Cache (LRU) of thinned map tiles, and of what methods made of the places around the last epochs.
-
-    Methods with the same object share it, also in several threads. A pickled or copied one is empty; answers do not
-    depend on what it holds.
-    """
+    """Cache (LRU) of thinned tiles and places that methods share, also in threads; empty when pickled or copied."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._kept: WeakKeyDictionary[PointMap, dict[int, OrderedDict[Hashable, Any]]] = WeakKeyDictionary()
 
     def planes(self, point_map: PointMap, place: Place, edge: float) -> _Planes:
-        """Return points and unit normals of the map within reach of a place, one per cube of `edge` (m) of each tile.
-
-        Each of shape (n, 3), local frame, m; a normal is zero where there is none (`merge_planes`).
-        """
+        """Points and unit normals, (n, 3), of the map in reach of a place, one per cube of `edge` (m) of each tile."""
         points, normals = [np.empty((0, 3))], [np.empty((0, 3))]
         for key in point_map.keys_within(*place.middle, place.half_width):
             merged = self.get(point_map, (key, edge), partial(_merged, point_map, key, edge), N_TILES)

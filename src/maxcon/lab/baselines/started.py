@@ -40,10 +40,7 @@ class StartedMethod(Protocol):
         ...
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
-        """Localize a scan (its normals are not used) from the prior, T_map_sensor in the local frame of the map.
-
-        MissingExtraError if small_gicp is needed and not installed.
-        """
+        """Localize a scan (its normals are not used) from the prior, T_map_sensor in the local frame of the map."""
         return self.prepare(scan, point_map, prior).align(prior)
 
 
@@ -83,11 +80,7 @@ class Choice(NamedOption, option="choice"):
 
 @dataclass(frozen=True)
 class MultiStart(StartedMethod):
-    """Localizes scans from a grid of starts; the default is the paper's 5 x 5 at 1 m, all at the prior's heading.
-
-    In the paper's evaluation the grid is centred at the reference, and ICP fails in an epoch if not all starts
-    end at the reference: take `estimates` for that. `localize` is what can be had without a reference.
-    """
+    """Localizes scans from a grid of starts around the prior; the default is the paper's 5 x 5 at 1 m."""
 
     method: StartedMethod  # what does not depend on the start is done once
     n_side: int = 5  # starts along each side of the grid
@@ -123,10 +116,7 @@ class MultiStart(StartedMethod):
         return self.method.prepare(scan, point_map, around, self.largest_offset + spread)
 
     def estimates(self, scan: Scan, point_map: PointMap, centre: Pose) -> list[Estimate]:
-        """Return where the method ends from each of `starts` around `centre`: the prior, or a reference.
-
-        With the choice `overlap`, `score` is how many points of the thinned scan end near the map.
-        """
+        """Return where the method ends from each start; with `overlap`, `score` counts points that end near the map."""
         aligner = self.prepare(scan, point_map, centre)
         ends = [aligner.align(start) for start in self.starts(centre)]
         if self.choice is Choice.AGREEMENT:
@@ -135,11 +125,7 @@ class MultiStart(StartedMethod):
         return [replace(end, score=float(overlap)) for end, overlap in zip(ends, overlaps, strict=True)]
 
     def choose(self, estimates: Sequence[Estimate]) -> Estimate:
-        """Return the end with the highest score, the first of equal ones: correspondences, or the overlap.
-
-        By agreement, what would be `LOCALIZED` is `AMBIGUOUS` if not all starts ended within 0.3 m and 1 degree of it:
-        in a street of equal houses every house has about as many correspondences.
-        """
+        """Return the end with the highest score; by agreement it is `AMBIGUOUS` if not all starts ended near it."""
         best = max(estimates, key=lambda estimate: estimate.score)
         if self.choice is Choice.OVERLAP:
             return best

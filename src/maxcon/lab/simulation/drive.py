@@ -94,13 +94,7 @@ class Drive:
 def drive_along(
     route: Route, seed: Seed, *, slowest: float = 0.12, wait: float = 0.0, height: float = 2.0, start_time: float = 0.0
 ) -> Drive:
-    """Return a drive along `route` that changes speed, slows down for the crossing and sways a little.
-
-    slowest: lowest speed, at the crossing, as a part of `SPEED`, above 0 and up to 1.
-    wait: how long it stands at the crossing, as at a red light, s; `OptionError` if below 0.
-    height: of the sensor above the carriageway, m.
-    start_time: of the first pose, s.
-    """
+    """Return a drive along `route` that slows down to `slowest` times `SPEED` at the crossing, and waits there, s."""
     if not 0.0 <= wait < math.inf:
         raise OptionError(f"Expected a wait of 0 s or more, got {wait}. With 0 the vehicle does not stop.")
     rng = np.random.default_rng(seed)
@@ -142,10 +136,7 @@ def drive_round(
     start_time: float,
     duration: float | None = None,
 ) -> Drive:
-    """Return the drive of `driver` once round `circuit`: see `drive_along`.
-
-    duration: how long the round takes, s: speeds are scaled to fit, waits are not. If None, speeds are not scaled.
-    """
+    """Return the drive of `driver` once round `circuit`; speeds, not waits, are scaled to a `duration`, s."""
     rng = np.random.default_rng(seed)
     distances = circuit.distances
     # Vehicles wait before turns and crossings.
@@ -243,10 +234,7 @@ GNSS_CORRELATION_TIME = 20.0  # time after which two errors correlate by 1/e, s
 
 
 def draw_gnss_errors(n_times: int, step: float, seed: Seed) -> NDArray[np.float64]:
-    """Errors of x, y, z (m), roll, pitch and heading (rad) at `n_times` times, `step` (s) apart, shape (n_times, 6).
-
-    First-order Gauss-Markov errors. The same seed and step give the same first errors, whatever `n_times` is.
-    """
+    """First-order Gauss-Markov errors of x, y, z, roll, pitch, heading (m, rad) each `step` (s), shape (n_times, 6)."""
     rng = np.random.default_rng(seed)
     keeps = math.exp(-step / GNSS_CORRELATION_TIME)
     fresh = math.sqrt(1.0 - keeps**2)
@@ -275,12 +263,7 @@ class OdometryErrors(NamedTuple):
     tilt_deg: float = 0.02  # standard deviation of roll and pitch, degrees; gravity keeps them from drifting
 
     def draw(self, drive: Drive, times: NDArray[np.float64], seed: Seed) -> list[Pose]:
-        """Return the poses that odometry gives, T_odometry_sensor: the first is at the origin, heading along x.
-
-        drive: the true poses.
-        times: shape (n,); times of the poses, s, rising.
-        seed: the same seed gives the same errors.
-        """
+        """Return poses as odometry gives them at rising times (s): the first is at the origin, heading along x."""
         rng = np.random.default_rng(seed)
         positions, angles = drive.at(times)
         scale, drift = np.array([self.scale, math.radians(self.heading_drift_deg)]) * rng.choice([-1.0, 1.0], 2)

@@ -24,12 +24,7 @@ Grid = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class HouseStyle:
-    """The parameters in which houses differ; lengths in m, columns are of windows.
-
-    plinth: how far the foot of the house stands out; 0 for none.
-    bay: how far a bay over the door stands out, above the ground floor; 0 for none.
-    balcony_column, archway_column: columns with balconies on the upper floors, and with a passage to the yard.
-    """
+    """The parameters in which houses differ; lengths in m (0 for none), columns are of windows."""
 
     width: float
     n_storeys: int
@@ -38,11 +33,11 @@ class HouseStyle:
     window_width: float
     window_height: float
     reveal: float
-    plinth: float
+    plinth: float  # how far the foot stands out
     door_column: int
-    bay: float
-    balcony_column: int | None
-    archway_column: int | None
+    bay: float  # how far a bay over the door stands out
+    balcony_column: int | None  # with balconies on the upper floors
+    archway_column: int | None  # with a passage to the yard
 
     @classmethod
     def drawn(cls, width: float, rng: np.random.Generator) -> Self:
@@ -97,10 +92,7 @@ def draw_town_house(width: float, rng: np.random.Generator, *, shows_left: bool,
 
 
 def relief(x_edges: NDArray[np.float64], z_edges: NDArray[np.float64], depths: NDArray[np.float64]) -> Patch:
-    """Wall of rectangles, each at its own depth behind y = 0, with faces that close the steps between neighbours.
-
-    Edges of columns, (nx + 1,), and of rows, (nz + 1,), rise; depths, (nx, nz), are negative where it stands out, m.
-    """
+    """Wall of rectangles between edges of columns and rows, each at its own depth behind y = 0, m, shape (nx, nz)."""
     padded = np.pad(depths, 1)
     i, j = (index.ravel() for index in np.indices(depths.shape))
     faces = [_face(x_edges[i], x_edges[i + 1], -depths[i, j], -depths[i, j], z_edges[j], z_edges[j + 1])]

@@ -21,10 +21,7 @@ ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 
 def record_dataset(dataset: Dataset, kind: RecordingKind) -> Path:
-    """Write the scans of a dataset, its first prior and its odometry as a recording into its folder; return the path.
-
-    A MissingExtraError without the extra `recordings`; a FileError if it cannot be written.
-    """
+    """Record scans, first prior and odometry of a dataset in its folder (extra `recordings`); return the path."""
     path = dataset.folder / f"drive.{kind.value}"
     odometry = None if dataset.odometry is None else read_trajectory(dataset.odometry)
     scans, prior = dataset.open_scans(), read_trajectory(dataset.prior)
@@ -35,14 +32,7 @@ def record_dataset(dataset: Dataset, kind: RecordingKind) -> Path:
 def drive_messages(
     scans: Scans, prior: Trajectory, crs: str, *, sigma: float = 0.0, odometry: Trajectory | None = None
 ) -> Iterator[Entry]:
-    """Yield the messages of a drive in order of time; at equal times poses come before clouds.
-
-    scans: all their returns are written, with the time of each point where it is known.
-    prior: T_map_sensor, written as NavSatFix and Imu.
-    crs: of the prior's coordinates; heights are taken for ellipsoidal ones, unless the CRS says otherwise.
-    sigma: standard deviation along each axis that the receiver states for its positions, m; it states none if 0.
-    odometry: T_odometry_sensor, written as Odometry.
-    """
+    """Yield a drive's messages by time: the prior as NavSatFix (with a sigma, m, above 0) and Imu, Odometry, clouds."""
     poses = _fixes(prior, GeographicFrame(crs), sigma) + ([] if odometry is None else _odometry(odometry))
     poses.sort(key=lambda entry: entry.time)
     clouds = (cloud_message(scans, i) for i in range(len(scans.times)))

@@ -39,10 +39,7 @@ class Caster(Protocol):
 
 
 class RayCaster:
-    """A city, a suburb or a road user, made ready for casting rays (Embree).
-
-    city: its coordinates must be small, m: rays are cast in float32, whose steps are 0.01 mm at 150 m.
-    """
+    """Triangles made ready for casting rays (Embree) in float32: coordinates must be small."""
 
     def __init__(self, city: Patch) -> None:
         check_embreex()
@@ -65,20 +62,14 @@ class RayCaster:
 
 
 class Returns(NamedTuple):
-    """Points that a scanner measured, in order of time.
+    """Points that a scanner measured, in order of time; city metres."""
 
-    points, origins: shape (n, 3); with range noise, and where each ray started, city metres.
-    times: shape (n,); s.
-    triangles, classes: shape (n,); index, among those of the caster, and LasClass of the triangle that was hit.
-    intensities: shape (n,), float32; 0 to 1: reflectance times the cosine of incidence.
-    """
-
-    points: NDArray[np.float64]
-    origins: NDArray[np.float64]
-    times: NDArray[np.float64]
-    triangles: NDArray[np.int32]
-    classes: NDArray[np.uint8]
-    intensities: NDArray[np.float32]
+    points: NDArray[np.float64]  # (n, 3), with range noise
+    origins: NDArray[np.float64]  # (n, 3), where each ray started
+    times: NDArray[np.float64]  # (n,), s
+    triangles: NDArray[np.int32]  # (n,), of the caster
+    classes: NDArray[np.uint8]  # (n,), LasClass of what was hit
+    intensities: NDArray[np.float32]  # (n,), 0 to 1: reflectance times the cosine of incidence
 
 
 REFLECTANCES = np.zeros(256)
@@ -88,17 +79,12 @@ REFLECTANCES[list(LasClass)] = [0.45, 0.25, 0.5, 0.45, 0.4, 0.6, 0.35, 0.7]
 
 @dataclass(frozen=True, slots=True)
 class RangeFinder:
-    """Limits and errors of a scanner's range measurement.
+    """Limits and errors of a scanner's range measurement."""
 
-    noise: standard deviation of a range, m.
-    dropout: ratio of the returns that is lost at random, 0 to 1.
-    min_range, max_range: returns nearer or farther are lost, m.
-    """
-
-    noise: float
-    dropout: float
-    min_range: float
-    max_range: float
+    noise: float  # standard deviation of a range, m
+    dropout: float  # ratio of the returns that is lost at random, 0 to 1
+    min_range: float  # m; returns nearer are lost
+    max_range: float  # m; returns farther are lost
 
     def are_returns(self, hits: Hits) -> NDArray[np.bool_]:
         """Which hits give a return if none drops out, shape (n,): those within the limits of the range."""
@@ -130,28 +116,18 @@ SCAN_TIME = 0.1  # duration of one scan: a turn, or what a non-repetitive scanne
 
 
 class Rays(NamedTuple):
-    """Rays of one scan in the sensor frame.
+    """Rays of one scan in the sensor frame."""
 
-    origins, directions: shape (n, 3); m, and unit vectors.
-    offsets: when each is fired, less the time of the scan, shape (n,), s.
-    """
-
-    origins: NDArray[np.float64]
-    directions: NDArray[np.float64]
-    offsets: NDArray[np.float64]
+    origins: NDArray[np.float64]  # (n, 3), m
+    directions: NDArray[np.float64]  # (n, 3), unit vectors
+    offsets: NDArray[np.float64]  # (n,), when each is fired, less the time of the scan, s
 
 
 @dataclass(frozen=True, slots=True)
 class Scanner(RangeFinder):
-    """A scanner with a firing pattern, or several of a kind on one vehicle, whose points are merged into one scan.
+    """A scanner with a firing pattern, or several of a kind, whose points are merged into one scan."""
 
-    Sensor axes: x forward, y left, z up. `scan` takes a scan for perfectly deskewed: all its rays are fired from one
-    pose. `scan_moving` simulates the motion within a scan, and a deskewing with errors.
-
-    mounts: T_sensor_scanner of each of them; one at the origin by default.
-    """
-
-    mounts: tuple[Pose, ...]
+    mounts: tuple[Pose, ...]  # T_sensor_scanner of each of them
     accumulates: ClassVar[bool] = False
     """Whether a scan is always simulated with the motion within it."""
 
@@ -177,23 +153,18 @@ class Scanner(RangeFinder):
 
 @dataclass(frozen=True, slots=True)
 class RotatingScanner(Scanner):
-    """A scanner with layers of fixed elevation that turns about its z axis; the default is a Velodyne VLP-16.
-
-    n_layers, lowest_deg, highest_deg: layers, evenly spaced in elevation, where `elevations_deg` are not given.
-    azimuth_step_deg: from one column of points to the next, degrees.
-    elevations_deg: elevation of each layer, rising, degrees.
-    """
+    """A scanner with layers of fixed elevation that turns about its z axis; the default is a Velodyne VLP-16."""
 
     noise: float = 0.03
     dropout: float = 0.03
     min_range: float = 1.0
     max_range: float = 100.0
     mounts: tuple[Pose, ...] = AT_ORIGIN
-    n_layers: int = 16
+    n_layers: int = 16  # evenly spaced, where `elevations_deg` are not given
     lowest_deg: float = -15.0
     highest_deg: float = 15.0
-    azimuth_step_deg: float = 0.2
-    elevations_deg: tuple[float, ...] = ()
+    azimuth_step_deg: float = 0.2  # from one column of points to the next
+    elevations_deg: tuple[float, ...] = ()  # of each layer, rising
 
     @property
     def elevations(self) -> NDArray[np.float64]:
@@ -219,29 +190,20 @@ class RotatingScanner(Scanner):
 
 @dataclass(frozen=True, slots=True)
 class RosetteScanner(Scanner):
-    """A scanner whose pattern does not repeat: what it accumulates over the time of a scan has other gaps each time.
-
-    A model, not the maker's pattern: two prisms turn in opposite directions, and each bends the rays by a quarter of
-    the field of view; their deflections add (Risley prisms). The head may turn about its z axis at the same time.
-
-    width_deg, lowest_deg, highest_deg: field of view without the turn of the head, degrees.
-    prism_rates, head_rate: turns per second.
-    n_beams: rays that are fired one after the other, each by the same turn of the first prism behind the one before.
-    point_rate: rays per second.
-    """
+    """A scanner whose pattern does not repeat: two prisms turn in opposite directions, and their deflections add."""
 
     noise: float = 0.02
     dropout: float = 0.03
     min_range: float = 0.5
     max_range: float = 100.0
     mounts: tuple[Pose, ...] = AT_ORIGIN
-    width_deg: float = 60.0
+    width_deg: float = 60.0  # field of view without the turn of the head
     lowest_deg: float = -30.0
     highest_deg: float = 30.0
-    prism_rates: tuple[float, float] = (121.57, 77.73)
-    head_rate: float = 0.0
-    n_beams: int = 1
-    point_rate: float = 200_000.0
+    prism_rates: tuple[float, float] = (121.57, 77.73)  # turns per second
+    head_rate: float = 0.0  # turns per second of the head about its z axis
+    n_beams: int = 1  # fired in turn, by the same turn of the first prism apart
+    point_rate: float = 200_000.0  # rays per second
     accumulates: ClassVar[bool] = True
 
     def pattern(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -393,15 +355,11 @@ DATA_SHEETS: dict[ScannerLayout, Scanner] = {
 
 
 class DeskewErrors(NamedTuple):
-    """Bounds of the errors of the motion that a scan is deskewed by: each is uniform within plus and minus its bound.
+    """Bounds of the uniform errors of the motion that a scan is deskewed by."""
 
-    The speed is relative, rates are in degrees per second. By default the first and the last points of a scan are off
-    by up to 8 mm at 8 m/s, and by up to 5 mm (heading) and 9 mm (tilt) 20 m away.
-    """
-
-    speed: float = 0.02
-    turn_rate_deg: float = 0.3
-    tilt_rate_deg: float = 0.5
+    speed: float = 0.02  # relative
+    turn_rate_deg: float = 0.3  # degrees per second
+    tilt_rate_deg: float = 0.5  # degrees per second
 
 
 def scan_moving(
@@ -412,12 +370,7 @@ def scan_moving(
     rng: np.random.Generator,
     errors: DeskewErrors | None = None,
 ) -> Returns:
-    """Return one scan from a vehicle that moves, deskewed to `time` (s), in city metres.
-
-    Each ray starts where its scanner is when it is fired. A point is then transformed from the sensor at that time to
-    the sensor at `time` by the true motion between both with `errors` (the defaults if None): its displacement is
-    scaled, and a small rotation added. For a vehicle that stands, and without errors, this is `Scanner.scan`.
-    """
+    """Return one scan from a moving vehicle, city metres, deskewed to `time` (s) by a motion with `errors`."""
     bounds, rays = errors or DeskewErrors(), scanner.rays(time)
     positions, rotations = _poses_at(drive, time + rays.offsets)
     origins = positions + np.einsum("nij,nj->ni", rotations, rays.origins)

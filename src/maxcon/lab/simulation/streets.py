@@ -27,17 +27,12 @@ class Block(NamedTuple):
 
 
 class Frontage(NamedTuple):
-    """A side of a block along a street, with a frame: x runs along the building line and y out to the street, m.
+    """A side of a block: x runs along the building line and y out to the street, m."""
 
-    u, v: its origin, on the building line, in the frame of the grid, m.
-    heading: direction of x in the frame of the grid, rad.
-    length: of the side, m.
-    """
-
-    u: float
+    u: float  # of the origin on the building line, frame of the grid, m
     v: float
-    heading: float
-    length: float
+    heading: float  # of x in the frame of the grid, rad
+    length: float  # m
 
     def placed(self, patch: Patch, along: float, out: float) -> Patch:
         """Return `patch`, turned with the frontage, its origin at x = `along`, y = `out` (m), in the grid's frame."""
@@ -54,21 +49,14 @@ class Frontage(NamedTuple):
 
 
 class StreetGrid(NamedTuple):
-    """Straight streets that cross at right angles.
+    """Straight streets that cross at right angles; lengths in m."""
 
-    u_lines, v_lines: where streets cross the main street and the cross street, m, rising; both contain 0.
-    carriageway: from a street's centre line to its kerb, m: a lane and a row of parked cars.
-    sidewalk: from the kerb to the building line, m.
-    no_parking: from the corner of a block to its first parked car, m.
-    margin: how far the city continues beyond the outermost streets, m.
-    """
-
-    u_lines: tuple[float, ...]
-    v_lines: tuple[float, ...]
-    carriageway: float = 5.0
-    sidewalk: float = 2.75
-    no_parking: float = 9.0
-    margin: float = 45.0
+    u_lines: tuple[float, ...]  # where streets cross the main street, rising; contains 0
+    v_lines: tuple[float, ...]  # where streets cross the cross street, rising; contains 0
+    carriageway: float = 5.0  # from a centre line to its kerb: a lane and a row of parked cars
+    sidewalk: float = 2.75  # from the kerb to the building line
+    no_parking: float = 9.0  # from the corner of a block to its first parked car
+    margin: float = 45.0  # how far the city continues beyond the outermost streets
 
     @property
     def half_width(self) -> float:
@@ -205,12 +193,7 @@ def _straight_over(corners: Sequence[tuple[int, int]], grid: StreetGrid) -> list
 
 
 def route_over_crossing(street_angle: float, before: float, after: float, lane: float = 1.5) -> Route:
-    """Return a route that comes along the main street and turns left at the crossing.
-
-    street_angle: direction of the main street, rad.
-    before, after: distance from the middle of the crossing at which it begins and ends, m.
-    lane: distance of the route to the right of the centre line, m.
-    """
+    """Return a route that turns left from the main street, `before` to `after` (m) of the crossing's middle."""
     reach = LEFT_RADIUS - lane
     if not (before > reach and after > reach):
         raise OptionError(

@@ -32,10 +32,7 @@ def _depths(cladding: str, n_columns: int, n_rows: int, rng: np.random.Generator
 
 
 def _rough_wall(length: float, height: float, windows: list[Window], cladding: str, rng: np.random.Generator) -> Patch:
-    """Return a wall along x, from `FOOT` up to `height` (m).
-
-    Windows lie behind it, half of their cells at random depths, as of curtains and furniture; sills stand out.
-    """
+    """Return a wall along x, from `FOOT` up to `height` (m), with windows behind it and sills before it."""
     x_edges = _edges(0.0, length, [x for window in windows for x in window[:2]])
     z_edges = np.concatenate([[FOOT], _edges(0.0, height, [z for window in windows for z in window[2:]])])
     depths = _depths(cladding, len(x_edges) - 1, len(z_edges) - 1, rng)

@@ -67,10 +67,7 @@ class ResidentialRoad:
         return np.asarray(heights, dtype=np.float64)
 
     def laid(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
-        """Return `patch` bent to follow the road and the slopes of the ground, as fences and hedges do.
-
-        Its x is along the road, y to the left and z above the ground, m, before it is turned by `heading` (rad).
-        """
+        """Return `patch`, turned by `heading` (rad), bent to follow the road and the slopes of the ground."""
         turned = patch.placed(along, left, heading=heading).corners
         level = self.places(turned[..., 0], turned[..., 1])
         heights = self.ground_heights(turned[..., 0], turned[..., 1]) + turned[..., 2]
@@ -98,11 +95,7 @@ class ResidentialRoad:
         return quads(grid_faces(grid), LasClass.GROUND)
 
     def route(self, lane: float, seed: Seed, *, start: float = 0.0, is_back: bool = False) -> Route:
-        """Return a route along the road, or back: it wanders by up to 0.2 m, and a vehicle slows down at some place.
-
-        lane: its distance to the left of the centre line, m.
-        start: how far before the begin of the road it begins, and after the end of the road it ends, m.
-        """
+        """Return a wandering route along the road, or back, in a lane (m to the left), `start` (m) past both ends."""
         rng = np.random.default_rng(seed)
         along = np.arange(-start, self.length + start, 0.05)
         lefts = lane + sway(along, 0.2, (40.0, 200.0), rng)

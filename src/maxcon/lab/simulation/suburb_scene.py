@@ -43,11 +43,7 @@ PARKED_RATIO = 0.2  # ratio of the parking bays that is taken
 
 
 def suburb_on_day(road: ResidentialRoad, scene: Sequence[int], day_seed: Sequence[int]) -> Patch:
-    """Return all surfaces along `road`, in city metres.
-
-    scene: seed of what stays from day to day: gardens, houses, hedges and stems.
-    day_seed: of what changes from day to day: leaves, twigs, cars and bins.
-    """
+    """Return all surfaces along `road`, city metres; the day's seed is of leaves, twigs, cars and bins."""
     day = np.random.default_rng(day_seed)
     left, right = _Side(road, GARDEN_LEFT, 1.0, math.pi), _Side(road, GARDEN_RIGHT, -1.0, 0.0)
     parts = [road.ground([*scene, 0])]

@@ -72,10 +72,7 @@ class Bench:
             check_inside(point_map, local, f"poses of {name}")
 
     def evaluate(self, prior_name: str, number: int, methods: Sequence[StudyMethod]) -> list[Row]:
-        """Return a row for each method: its answer to one epoch from one prior, or why there is none.
-
-        Methods of maximum consensus that need the same accumulator share it; each is charged with its time.
-        """
+        """Return a row for each method: its answer to one epoch; a shared accumulator is charged to each."""
         row, prior, reference = self._begun(prior_name, number)
         try:
             raw = self.scans.read(number, self.options.min_range, self.options.max_range)

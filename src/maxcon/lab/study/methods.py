@@ -33,10 +33,7 @@ MAP_VARIANTS: dict[str, dict[str, Any]] = {
 def make_maps(
     dataset: Dataset, folder: Path, names: Iterable[str], progress: Progress | None = None
 ) -> dict[str, Path]:
-    """Build the maps, of `MAP_VARIANTS`, that are not in `folder` yet; return the path of each.
-
-    A dataset with a built map has that one only, the standard one.
-    """
+    """Build the maps, of `MAP_VARIANTS`, that are not in `folder` yet; a built map has no variants."""
     from maxcon.mapping.build import build_map
 
     paths = {}
@@ -128,11 +125,7 @@ def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
 def choose_methods(
     names: Sequence[str], space: SearchSpace, objectives: Mapping[str, Objective] | None = None
 ) -> list[StudyMethod]:
-    """Return the methods of names, and of names of sets, each once, in their order; OptionError for another name.
-
-    `objectives`: of your own, by name: "mine" stands for `mine-occupied`, its best cells, beside those of ours with all
-    else alike.
-    """
+    """Return methods by names and sets; of your own `objectives`, "mine" stands for `mine-occupied`, its best cells."""
     own = objectives or {}
     known = known_methods(space)
     chosen: dict[str, StudyMethod] = {}

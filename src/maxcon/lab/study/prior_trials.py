@@ -59,11 +59,7 @@ def space_of(level: PriorErrors) -> SearchSpace:
 
 
 def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> list[StudyMethod]:
-    """Return the methods that are compared at a level, each told how wrong the prior may be.
-
-    The peers get a map with ground, which holds height and tilt: GICP solves for them, and ICP is right more often with
-    it (docs/prior_error.md). `gates` (m) are of registration from one start; ICP has all but those above 3.
-    """
+    """Return the methods compared at a level; peers get a map with ground, which holds height and tilt."""
     targets = MapTargets()
     # Seventy-five starts of a scan thinned as usual take seconds; coarser, they end at the same places.
     quick = Gicp(3.0, thinning=2.0, step_tolerance=0.02, turn_tolerance=5e-3, targets=targets)

@@ -90,10 +90,7 @@ class Configuration:
         write_json(folder / CONFIGURATION, asdict(self))
 
     def joined(self, other: "Configuration", with_rows: Collection[str]) -> "Configuration":
-        """Return this configuration with the methods of the run that begins; OptionError if it is another study.
-
-        Methods `with_rows` must be as before. Without any, priors and reference may have changed.
-        """
+        """Return this configuration with a run's methods; OptionError if those `with_rows`, or their data, differ."""
         for what, mine, theirs in (
             ("made by maxcon", self.version, other.version),
             ("of a dataset with scans", self.n_scans, other.n_scans),
@@ -167,10 +164,7 @@ class StudyTask(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StudyJob:
-    """The work on a `StudyTask`: rows of the table.
-
-    The methods stay in each process, and with them what they keep of the map for later epochs.
-    """
+    """The work on a `StudyTask`: rows of the table. Each process keeps the methods, and what they keep of the map."""
 
     dataset: Dataset
     maps: dict[str, Path]
@@ -213,17 +207,10 @@ def run_study(
     options: DriveOptions | None = None, progress: Progress | None = None, scheduler: str | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Study:  # fmt: skip
-    """Let methods localize epochs of a dataset; rows that are in the folder already are not made again.
+    """Let methods localize evenly spread epochs of a dataset; rows that are in the folder already are not made again.
 
-    - folder: of the study; made if it is not there. More methods, priors or epochs can be added to a study later.
-    - priors: names of the dataset's priors, or "reference" for the reference itself; all of the dataset's if None.
-    - n_epochs: so many of the dataset's scans, evenly spread; all if None.
-    - n_workers: processes, as many as processors if None; with one, all is done in this process. Instead: a dask
-      `scheduler`, by its address, for which `warn` is called with a line while it is waited for.
-    - progress: called with (step, done, of how many).
-
-    MaxconError of some kind if a prior or a number does not exist, the folder holds a study made otherwise or cannot be
-    written, or the dataset cannot be used.
+    All priors of the dataset if None, or "reference" among them. `n_workers` processes (all processors if None), or a
+    dask `scheduler`, for which `warn` gets a line while it is waited for; `progress`: (step, done, of how many).
     """
     root, options, report = Path(folder), options or DriveOptions(), progress or (lambda step, done, total: None)
     engine = Engine(n_workers, scheduler, warn)

@@ -138,10 +138,7 @@ class MethodRows:
 
 @dataclass(frozen=True, slots=True)
 class MethodStatistics:
-    """Statistics of one method with one prior over all its epochs, the rows.
-
-    Quantiles are of the absolute values of the columns of their names; NaN where the method has none.
-    """
+    """Statistics of one method with one prior; quantiles of the absolute values of the columns, or NaN."""
 
     prior: str
     method: str
