@@ -284,7 +284,5 @@ def _described(source: str, n_scans: int, reads: Iterator[tuple[float, Callable[
         near = full[0][(first >= 1.0) & (first <= 120.0)]
         if len(near):
             percent = 100.0 * float(Scan(near).normals.any(axis=1).mean())
-            words["normals"] = (
-                f"{percent:.0f} % of the points of the first scan have one (20 % are enough; others weigh half)"
-            )
+            words["normals"] = f"{percent:.0f} % of the points of the first scan have one; 20 % are enough"
     return words | ({"problem": problems[0]} if problems else {})
