@@ -111,10 +111,11 @@ def _displaced_sides(partners: Partners, point_map: PointMap, table: VoxelTable)
     for axis, facing in ((1, "to the way"), (0, "along the way")):
         faces = is_wall & (np.abs(partners.normals[:, axis]) > FACING)
         for side, words in ((is_left, "left"), (~is_left, "right")):
-            n, n_found = (int(np.count_nonzero(faces & side & each)) for each in (True, is_found))
+            on_side = faces & side
+            n, n_found = int(np.count_nonzero(on_side)), int(np.count_nonzero(on_side & is_found))
             if n < SIDE_POINTS or n_found > MOST_FOUND * n:
                 continue
-            chosen = np.flatnonzero(faces & side & ~is_found)
+            chosen = np.flatnonzero(on_side & ~is_found)
             distances = partners.distances_within(FARTHEST, chosen, point_map, table)
             offsets = np.sort((distances * np.sign(partners.normals[chosen, axis]))[np.isfinite(distances)])
             beside = np.searchsorted(offsets, offsets + TOGETHER, "right") - np.arange(len(offsets))

@@ -3,6 +3,7 @@
 """Scanners: rays cast into a scene (Embree), where they go, how their ranges are disturbed, how the car moves."""
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Protocol
 
@@ -124,16 +125,16 @@ class Rays(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Scanner(RangeFinder):
+class Scanner(RangeFinder, ABC):
     """A scanner with a firing pattern, or several of a kind, whose points are merged into one scan."""
 
     mounts: tuple[Pose, ...]  # T_sensor_scanner of each of them
     accumulates: ClassVar[bool] = False
     """Whether a scan is always simulated with the motion within it."""
 
+    @abstractmethod
     def pattern(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Unit rays of the scan at `time` (s) in the scanner's frame, shape (n, 3), and their offsets, (n,), s."""
-        raise NotImplementedError
 
     def rays(self, time: float) -> Rays:
         """Return the rays of the scan at `time` (s) of all scanners."""
