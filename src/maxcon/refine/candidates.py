@@ -87,10 +87,11 @@ def find_candidates(
 def _fits_better(sample: Scan, found: Candidate, image: Pose, point_map: PointMap, scoring: Scoring) -> bool:
     """Whether the mirror image of a scan fits better around a pose than the scan itself at a candidate."""
     mirrored = Scan(sample.points * MIRROR, sample.normals * MIRROR)
-    fit = adjusted_candidate(mirrored, point_map, image, FROM_LARGE_CELLS, scoring)
+    table = table_around(mirrored, point_map, [image])
+    fit = adjusted_candidate(mirrored, point_map, image, FROM_LARGE_CELLS, scoring, table)
     if fit.share < NEARLY * found.share:
         return False
-    fit = adjusted_candidate(mirrored, point_map, fit.pose, LAST_PASSES, scoring)
+    fit = adjusted_candidate(mirrored, point_map, fit.pose, LAST_PASSES, scoring, table)
     own = adjusted_candidate(sample, point_map, found.pose, LAST_PASSES, scoring)
     return fit.score > own.score and fit.share > own.share
 

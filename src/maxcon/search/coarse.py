@@ -33,7 +33,8 @@ SAME_POSE, SAME_POSE_DEG = 1.0, 4.0  # cells this near to each other, m and degr
 AT_ONCE, MOST_CERTAIN = 64, 0.9
 """So many cells are scored at once; at first some whose bound reaches this ratio to the highest one."""
 IMAGE_RATIO, IMAGE_WITHIN, IMAGE_WITHIN_DEG = 0.75, 6.0, 4.0
-"""A mirror image that scores so much of the scan itself, so near to its best cell, m and degrees, is told of."""
+"""A mirror image that scores so much of the scan itself, so near to its best cell, m and degrees, and in the search
+space, is told of."""
 MOST_SCORED = 4096  # where so many cells are worth nothing, as along a single wall, no more are scored
 
 
@@ -73,12 +74,19 @@ def coarse_search(
         best = max(best, scores.max(initial=0.0))
         found += _distinct(scores, reaching, cells, raised)
     left_open = _left_open(found, ratio)
-    return replace(left_open, image=_image(points, grid, left_open.poses[0], best, n_threads)) if found else left_open
+    if not found:
+        return left_open
+    pose = left_open.poses[0]
+    around = prior.with_height_and_tilt_of(pose) if space.half_width < IMAGE_WITHIN else pose
+    within = min(IMAGE_WITHIN, space.half_width), min(IMAGE_WITHIN_DEG, space.heading_half_width_deg)
+    return replace(left_open, image=_image(points, grid, around, within, best, n_threads))
 
 
-def _image(points: NDArray[np.float64], grid: NormalGrid, pose: Pose, score: float, n_threads: int) -> Pose | None:
+def _image(
+    points: NDArray[np.float64], grid: NormalGrid, pose: Pose, within: tuple[float, float], score: float, n_threads: int
+) -> Pose | None:
     """Where the mirror image of a scan, y for -y, scores most around a pose, if as much as `IMAGE_RATIO` of a score."""
-    cells = SearchSpace(IMAGE_WITHIN, heading_half_width_deg=IMAGE_WITHIN_DEG).at(grid.cell, STEP_DEG)
+    cells = SearchSpace(within[0], heading_half_width_deg=within[1]).at(grid.cell, STEP_DEG)
     scores, reaching = highest_cells(points * [1.0, -1.0, 1.0], grid, pose, cells, 1.0, IMAGE_RATIO * score, n_threads)
     if not len(scores):
         return None
