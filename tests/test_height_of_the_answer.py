@@ -221,3 +221,12 @@ def test_storeys_are_told_apart_or_the_answer_is_ambiguous(garage, height):
     else:
         assert estimate.status is Status.AMBIGUOUS
         assert "the storey " in estimate.reason
+
+
+def test_a_prior_without_a_tilt_is_searched_from_the_scans_own(yard):
+    scan, point_map, _, truth = yard
+    tilted = replace(truth, roll=math.radians(-26.0), pitch=math.radians(25.0))
+    held = Scan(truth.apply(scan.points) @ tilted.rotation - tilted.position @ tilted.rotation)
+    estimate = MaximumConsensus().localize(held, point_map, replace(truth, x=truth.x + 1.0, roll=0.0, pitch=0.0))
+    assert estimate.is_localized, estimate.reason
+    np.testing.assert_allclose(estimate.pose.values, tilted.values, atol=0.02)

@@ -25,6 +25,7 @@ from maxcon.map.ground import HEADROOM
 from maxcon.refine import validate
 from maxcon.refine.adjustment import LAST_PASSES, PASSES
 from maxcon.refine.ground import GroundFit, fit_ground, other_storeys
+from maxcon.refine.tilt import with_own_tilt
 from maxcon.scan import Scan
 from maxcon.search import Multiplicity, SearchMethod, Weighting, level_of
 from maxcon.search.accumulator import Accumulator
@@ -78,6 +79,7 @@ class MaximumConsensus:
     is_levelled : bool
         Whether height, roll and pitch of the prior are first corrected by the ground, where the map has some and scan
         and map agree on it; the heights of `space` are searched where they do not. Otherwise these are always searched.
+        An answer in doubt is searched for once more from the tilt of the scan's own surfaces, if that is another one.
     widest : float
         An answer that stays in doubt is searched for once more, twice as far around as before, until it is localized or
         this is reached, m; 0 for never. For spaces of a covariance that may be too small: turns reach as far as by
@@ -151,6 +153,15 @@ class MaximumConsensus:
         SearchSpaceError
             If the cell edge is not the map's or that of a level of it, or the space is too large.
         """
+        answer = self._localize_around(scan, point_map, prior)
+        if answer.is_localized or not (self.is_levelled and self.refinement and point_map.has_ground):
+            return answer
+        tilted = with_own_tilt(scan, prior)
+        other = None if tilted is None else self._localize_around(scan, point_map, tilted)
+        return answer if other is None or not other.is_localized else other
+
+    def _localize_around(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+        """The answer of the search around a prior whose roll and pitch are known to some degrees."""
         starts = self._starts(scan, point_map, prior)
         answers = [self.cell_search.best(scan, point_map, start, space) for start, space in starts]
         highest = max(range(len(starts)), key=lambda number: answers[number].score)

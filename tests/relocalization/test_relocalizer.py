@@ -1,6 +1,7 @@
 """A scan is found in a whole map, at any heading, on level ground and on a slope; or it is said why not."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,6 +47,11 @@ def test_it_is_so_on_a_slope():
     town = Town(12, slope=(0.05, -0.03))
     truth = town.pose(10.0, -14.0, 2.0)
     assert_right(Relocalizer(town.map).localize(town.scan(truth, 2)), truth)
+
+
+def test_a_scanner_held_askew_is_found_by_the_tilt_of_its_scan(town, relocalizer):
+    truth = replace(town.pose(-12.0, 20.3, 3.0), roll=math.radians(-26.0), pitch=math.radians(25.0))
+    assert_right(relocalizer.localize(town.scan(truth, 1)), truth)
 
 
 def test_threads_do_not_change_the_answer(town, relocalizer):

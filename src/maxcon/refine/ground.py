@@ -122,17 +122,18 @@ def other_storeys(point_map: PointMap, pose: Pose) -> list[float]:
     return found
 
 
-def fit_ground_plane(scan: Scan) -> Pose | None:
+def fit_ground_plane(scan: Scan, roll: float = 0.0, pitch: float = 0.0) -> Pose | None:
     """Fit a plane to the lowest points around a scanner, without any map.
 
     Returns T_ground_sensor: its z is the height above the plane, its roll and pitch make the plane level; x, y and
-    heading are 0. None where too few cells of half a metre have points. The scan's z is within some degrees of up.
+    heading are 0. None where too few cells of half a metre have points. With the roll and pitch given, rad, the scan's
+    z is within some degrees of up.
     """
-    points = scan.lowest_points()
+    points = scan.lowest_points(roll, pitch) @ rotation_matrices(roll, pitch, 0.0).T
     if len(points) < FEWEST_CELLS:
         return None
     plane, _ = _fit_plane(points, np.ascontiguousarray(-points[:, 2]), HIGHEST)
-    return _aligned(Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), *plane.tolist())
+    return _aligned(Pose(0.0, 0.0, 0.0, roll, pitch, 0.0), *plane.tolist())
 
 
 def pose_above_ground(point_map: PointMap, x: float, y: float, heading: float, T_ground_sensor: Pose) -> Pose:

@@ -24,6 +24,7 @@ from maxcon.map import PointMap
 from maxcon.refine import fit_ground, fit_ground_plane, pose_above_ground, validate
 from maxcon.refine.adjustment import FROM_LARGE_CELLS, LAST_PASSES
 from maxcon.refine.candidates import Candidate, Scoring, adjusted_candidate, distinct
+from maxcon.refine.tilt import with_own_tilt
 from maxcon.relocalization.coarse_filter import CoarseScan, CountedCells, Regions, filter_cells, recount
 from maxcon.relocalization.coarse_map import Area, CoarseMap
 from maxcon.scan import Scan
@@ -126,12 +127,23 @@ class Relocalizer:
         return self.search(scan).estimate
 
     def search(self, scan: Scan) -> Relocalization:
-        """Find the pose of a scan (sensor frame, z within some degrees of up), and what is known of all other places.
+        """Find the pose of a scan (sensor frame, z within 30 degrees of up), and what is known of all other places.
 
         Poses are in the local frame of the map. Without a place, that of the estimate is the origin.
         """
         self.check()
-        T_ground_sensor = fit_ground_plane(scan)
+        level = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        found, tilted = self._search(scan, level), with_own_tilt(scan, level)
+        if tilted is None:
+            return found
+        other = self._search(scan, tilted)
+        if found.estimate.is_localized and with_own_tilt(scan, found.estimate.pose) is None:
+            return other  # of places with this tilt the level search knows few
+        return max(found, other, key=lambda each: (each.estimate.is_localized, each.estimate.score))
+
+    def _search(self, scan: Scan, upright: Pose) -> Relocalization:
+        """Search with the roll and pitch of a pose, from which the scanner's are some degrees away."""
+        T_ground_sensor = fit_ground_plane(scan, upright.roll, upright.pitch)
         if T_ground_sensor is None:
             return _nothing(scan, "the scan shows no ground around it")
         candidates, n_coarse = self._candidates(scan, T_ground_sensor)
