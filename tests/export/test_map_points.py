@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from maxcon import PointMap
+from maxcon.errors import OptionError
 from maxcon.export import export_map, points
 from maxcon.map.layout import SurfaceClass
 from maxcon.mapping.build import MapOptions, build_map
@@ -82,8 +83,10 @@ def test_what_is_gone_of_an_updated_map_is_written_and_says_so(city, monkeypatch
     assert np.count_nonzero(laspy.read(tmp_path / "a.laz")["change"] == 1) == n_voxels
 
 
-def test_a_map_without_a_crs(tmp_path):
+def test_a_map_without_a_crs_and_a_suffix_that_is_none(tmp_path):
     np.savez(tmp_path / "a.npz", points=RNG.uniform(0.0, 3.0, (3000, 3)))
     build_map([tmp_path / "a.npz"], tmp_path / "a.map", MapOptions(classify="off", cell=0.06))
     export_map(tmp_path / "a.map", tmp_path / "a.laz")
     assert laspy.read(tmp_path / "a.laz").header.parse_crs() is None
+    with pytest.raises(OptionError, match=r"\.laz, \.las, \.ply, got .*a\.xyz"):
+        export_map(tmp_path / "a.map", tmp_path / "a.xyz")
