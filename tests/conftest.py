@@ -1,4 +1,4 @@
-"""What all tests share: examples per property, real data, folders that are built once per run, and an S3 server."""
+"""What all tests share: examples per property, real data, folders built once per run, an S3 server, and a cluster."""
 
 import os
 from pathlib import Path
@@ -75,3 +75,23 @@ def bucket(s3_server, monkeypatch):
     for entry in client.list_objects_v2(Bucket="maps").get("Contents", ()):
         client.delete_object(Bucket="maps", Key=entry["Key"])
     client.delete_bucket(Bucket="maps")
+
+
+@pytest.fixture
+def dask():
+    """Start a cluster of so many workers; what is waited for is waited for shortly."""
+    distributed = pytest.importorskip("distributed")
+    clusters = []
+
+    def start(n_workers):
+        clusters.append(
+            distributed.LocalCluster(
+                n_workers=n_workers, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
+                silence_logs=50, memory_limit=0,
+            )
+        )  # fmt: skip
+        return clusters[-1]
+
+    yield start
+    for each in clusters:
+        each.close()

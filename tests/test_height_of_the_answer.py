@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -144,17 +145,12 @@ def test_a_height_that_the_ground_of_the_answer_confirms_is_not_at_the_boundary(
 
 def test_with_ground_heights_are_not_searched(yard, monkeypatch):
     scan, point_map, without, truth = yard
-    heights = []
-
-    def search(scan, point_map, prior, space, *args, **options):
-        heights.append(space.n_heights)
-        return branch_and_bound(scan, point_map, prior, space, *args, **options)
-
+    search = Mock(wraps=branch_and_bound)
     monkeypatch.setattr("maxcon.cell_search.branch_and_bound", search)
     method = MaximumConsensus(replace(SPACE, height_half_width=0.12))
     method.localize(scan, point_map, wrong(truth, 0.06))
     method.localize(scan, without, wrong(truth, 0.06))
-    assert heights == [1, 5]
+    assert [call.args[3].n_heights for call in search.call_args_list] == [1, 5]
 
 
 def test_where_the_ground_of_the_answer_is_another_it_is_searched_again_from_there():

@@ -289,21 +289,15 @@ def test_what_is_singular_has_no_cofactor():
 def test_errors_along_and_across_a_heading():
     covariance = np.zeros((6, 6))
     covariance[:2, :2] = [[5.0, 4.0], [4.0, 5.0]]  # 9 along 45 degrees, 1 across
-    np.testing.assert_allclose(
-        integrity.along_and_across(covariance, math.radians(45.0)), np.diag([9.0, 1.0]), atol=1e-12
-    )
-    np.testing.assert_allclose(
-        integrity.along_and_across(covariance, math.radians(-45.0)), np.diag([1.0, 9.0]), atol=1e-12
-    )
-    np.testing.assert_allclose(integrity.along_and_across(covariance, math.radians(90.0)), [[5.0, -4.0], [-4.0, 5.0]])
+    for degrees, wanted in ((45.0, np.diag([9.0, 1.0])), (-45.0, np.diag([1.0, 9.0])), (90.0, [[5.0, -4], [-4, 5.0]])):
+        found = integrity.along_and_across(covariance, math.radians(degrees))
+        np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
 def test_horizontal_is_within_30_degrees():
     def doubted(degrees):
-        normal = [math.cos(math.radians(degrees)), 0.0, math.sin(math.radians(degrees))]
-        return integrity.reasons_to_doubt_scan(
-            Scan(np.ones((integrity.FEWEST_POINTS, 3)), [normal] * integrity.FEWEST_POINTS), HERE
-        )
+        normal, n = [math.cos(math.radians(degrees)), 0.0, math.sin(math.radians(degrees))], integrity.FEWEST_POINTS
+        return integrity.reasons_to_doubt_scan(Scan(np.ones((n, 3)), [normal] * n), HERE)
 
     assert not doubted(29.9)
     assert "none horizontal" in doubted(30.1)[0]

@@ -5,6 +5,7 @@ import math
 import pydoc
 import tracemalloc
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -135,19 +136,11 @@ def test_the_scan_is_thinned_before_the_search(points_and_normals, point_map, se
 
 @pytest.mark.parametrize("multiplicity", ["occupied", "points"])
 @pytest.mark.parametrize("turn_deg", [-1.5, 1.5])
-def test_the_heading_beyond_the_space_is_scored_with_the_same_weights(scan, multiplicity, turn_deg):
+def test_the_heading_beyond_the_space_is_scored_with_the_same_weights(scan, dense, multiplicity, turn_deg):
     """The true heading is one step past the last; with cosines a scan without normals would score 0 there."""
-    along, up = (part.ravel() for part in np.mgrid[0:12:0.05, 0:3:0.05])
-    walls = np.concatenate(
-        [
-            np.column_stack([along, np.full(along.shape, 4.03), up]),
-            np.column_stack([np.full(along.shape, 14.03), along - 9.0, up]),
-        ]
-    )
-    normals = np.repeat([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]], len(along), axis=0)
     bare = Scan(scan.points, np.zeros_like(scan.normals))
     method = MaximumConsensus(SPACE, multiplicity=multiplicity, weighting="one", wider=0.0)
-    estimate = method.localize(bare, PointMap.from_points(walls, normals, CELL), prior_of(0, 0, turn_deg))
+    estimate = method.localize(bare, dense[1], prior_of(0, 0, turn_deg))
     assert estimate.cell[0] == (4 if turn_deg > 0 else 0)
     assert not SPACE.is_at_boundary(estimate.cell)
     assert estimate.status is Status.AT_RIM
@@ -225,20 +218,13 @@ def test_every_status_explains_itself():
 # --- objectives of the user's own ---------------------------------------------------------------------
 
 
-class Own:
-    """An objective of a user's own."""
-
-    def __init__(self, score):
-        self.score = score
-
-
 def test_an_objective_of_ones_own_needs_no_registration(scan, point_map):
-    trace = Own(lambda moments: moments[..., 1] + moments[..., 3])
+    trace = SimpleNamespace(score=lambda moments: moments[..., 1] + moments[..., 3])
     estimate = MaximumConsensus(SPACE, trace).localize(scan, point_map, prior_of(2, 3, 0.0))
     assert (estimate.cell, estimate.status) == ((2, 10 + 3, 10 + 2), Status.LOCALIZED)
     assert estimate.score == pytest.approx(len(scan.thinned(0.25)), abs=1e-3)
     for dtype in (np.float32, np.int64):  # any type of number
-        own = Own(lambda moments, dtype=dtype: moments[..., 0].astype(dtype))
+        own = SimpleNamespace(score=lambda moments, dtype=dtype: moments[..., 0].astype(dtype))
         estimate = MaximumConsensus(SPACE, own).localize(scan, point_map, TRUTH)
         assert (estimate.cell, type(estimate.score)) == ((2, 10, 10), float)
 

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from maxcon.cli import app
 from maxcon.errors import MaxconError
+from maxcon.map import PointMap
 from maxcon.map import manifest as manifests
 from maxcon.map.manifest import INDEX, TILES, Manifest, ShardFile, ShardTable
 from maxcon.map.store import SHARD_BYTES, MapWriter, ground_record, tile_record
@@ -44,6 +45,15 @@ def said_by(manifest):
     names = ("cell", "origin", "crs", "is_signed", "build", "sigma")
     sections = {name: (table.to_bytes(), table.files) for name, table in manifest.sections.items()}
     return sections, *(getattr(manifest, name) for name in names)
+
+
+def stored_voxels(path):
+    """Means in global coordinates, counts, normals and surface classes of all voxels of a map on disk."""
+    opened = PointMap.open(path, left_out=None)
+    tiles = [opened.tile(key) for key in sorted(opened.tile_keys)]
+    means = opened.frame.to_global(np.concatenate([tile.mean_points(opened.cell) for tile in tiles]))
+    names = ("counts", "normals", "surface_classes")
+    return means, *(np.concatenate([getattr(tile, name) for tile in tiles]) for name in names)
 
 
 def assert_same_map(got, wanted):

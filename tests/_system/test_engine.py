@@ -209,26 +209,6 @@ def test_threads_yield_in_order_and_begin_no_more_than_they_may(n, n_threads, n_
 # --- a cluster that somebody has started ---------------------------------------------------------------------
 
 
-@pytest.fixture
-def dask():
-    """Start a cluster of so many workers; what is waited for is waited for shortly."""
-    distributed = pytest.importorskip("distributed")
-    clusters = []
-
-    def start(n_workers):
-        clusters.append(
-            distributed.LocalCluster(
-                n_workers=n_workers, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
-                silence_logs=50, memory_limit=0,
-            )
-        )  # fmt: skip
-        return clusters[-1]
-
-    yield start
-    for each in clusters:
-        each.close()
-
-
 @pytest.mark.clusters
 def test_workers_of_a_cluster_do_the_same_and_are_left_as_they_were(tmp_path, dask):
     """Killed and wrong: two jobs, one after the other."""

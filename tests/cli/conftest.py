@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import warnings
 from typing import NamedTuple
 
@@ -118,10 +119,29 @@ def poses(drive, built_once):
     return built_once("poses", make) / "poses.csv"
 
 
+def rows_of_poses(path):
+    """The rows of numbers of a trajectory, as text."""
+    return [line.split() for line in path.read_text().splitlines() if not line.startswith("#")]
+
+
 @pytest.fixture
 def prior_rows(drive):
-    """The prior's rows of numbers, as text."""
-    return [line.split() for line in drive.dataset.prior.read_text().splitlines() if not line.startswith("#")]
+    return rows_of_poses(drive.dataset.prior)
+
+
+@pytest.fixture
+def long_drive(drive, tmp_path):
+    """The folder of the four scans of the drive, ten times over, with their prior and their reference."""
+    folder = tmp_path / "long"
+    folder.mkdir()
+    times = [f"{number / 10.0:.6f}" for number in range(40)]
+    for number in range(40):
+        (folder / f"{number:06d}.bin").symlink_to(drive.dataset.scans / f"{number % 4:06d}.bin")
+    (folder / "times.txt").write_text("\n".join(times) + "\n")
+    for path in (drive.dataset.prior, drive.dataset.reference):
+        poses = [" ".join([at, *row[1:]]) for at, row in zip(times, 10 * rows_of_poses(path), strict=True)]
+        (tmp_path / f"long_{path.name}").write_text("\n".join(poses) + "\n")
+    return folder, tmp_path / f"long_{drive.dataset.prior.name}", tmp_path / f"long_{drive.dataset.reference.name}"
 
 
 @pytest.fixture(scope="session")
@@ -145,6 +165,23 @@ def maxcon_in_process_of_its_own(maxcon_process):
         with maxcon_process(*arguments, **options) as process:
             out, err = process.communicate(timeout=900)  # it compiles, perhaps on a slow machine
         return Ended(process.returncode, out, err)
+
+    return run
+
+
+@pytest.fixture
+def stopped_when(maxcon_process):
+    """Start a command, send it a signal as soon as it has come so far, and return its exit code and stderr."""
+
+    def run(number, has_come_so_far, *arguments, **options):
+        with maxcon_process(*arguments, **options) as process:
+            deadline = time.monotonic() + 600.0
+            while not has_come_so_far(process) and process.poll() is None and time.monotonic() < deadline:
+                time.sleep(0.002)
+            assert process.poll() is None, process.stderr.read()
+            process.send_signal(number)
+            _, err = process.communicate(timeout=600)
+        return process.returncode, err
 
     return run
 

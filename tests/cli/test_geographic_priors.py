@@ -58,28 +58,21 @@ def test_a_table_in_latitude_and_longitude(assert_same, table):
     assert_same(table(lifted=46.0), "less 46 m", options=("--geoid-height", "46"))
 
 
-def test_a_receiver_s_log(assert_same, geographic, tmp_path):
-    lines = ["# a log"]
-    for time, (latitude, longitude, height), (roll, pitch, heading) in zip(*geographic, strict=True):
-        now = clock(time)[0]
-        lines += [
-            zda(time),
-            gga(time, latitude, longitude, f"{height - 40.0:.5f}", 40.0, hdop=10.0),
-            sentence("PASHR", now, (90.0 - heading) % 360.0, "T", roll, -pitch, 0, 0.1, 0.1, 1.0, 1, 1),
-        ]
-    path = tmp_path / "gnss.nmea"
-    path.write_text("\r\n".join(lines) + "\r\n")
+def test_a_receiver_s_log_and_one_whose_heights_are_not_the_map_s(assert_same, localize, refused, geographic, tmp_path):
+    for name, lifted in (("gnss.nmea", 0.0), ("off.nmea", 40.0)):
+        lines = ["# a log"]
+        for time, (latitude, longitude, height), (roll, pitch, heading) in zip(*geographic, strict=True):
+            attitude = ((90.0 - heading) % 360.0, "T", roll, -pitch, 0, 0.1, 0.1, 1.0, 1, 1)
+            lines += [
+                zda(time),
+                gga(time, latitude, longitude, f"{height - 40.0 + lifted:.5f}", 40.0, hdop=10.0),
+                sentence("PASHR", clock(time)[0], *attitude),
+            ]
+        (tmp_path / name).write_text("\r\n".join(lines) + "\r\n")
     words = ("(NMEA); times: UTC; sigmas: 0 of GST", "orientations of PASHR", "windows from the prior's covariances")
-    assert_same(path, *words, within=2e-3)
-
-
-def test_heights_of_a_log_that_are_not_the_map_s_are_refused(localize, refused, geographic, tmp_path):
-    path, lines = tmp_path / "gnss.nmea", []
-    for time, (latitude, longitude, height) in zip(*geographic[:2], strict=True):
-        lines += [zda(time), gga(time, latitude, longitude, f"{height:.5f}", 40.0)]
-        lines += [sentence("PASHR", clock(time)[0], 90.0, "T", 0, 0, 0, 0.1, 0.1, 1.0, 1, 1)]
-    path.write_text("\r\n".join(lines) + "\r\n")
-    refused(localize("--overwrite", prior=path), "--geoid-height", "geoid height of the log 40.00 m")
+    assert_same(tmp_path / "gnss.nmea", *words, within=2e-3)
+    ended = localize("--overwrite", prior=tmp_path / "off.nmea")
+    refused(ended, "--geoid-height", "geoid height of the log 40.00 m")
 
 
 def test_priors_of_an_antenna_become_the_scanner_s(assert_same, localize, refused, drive, tmp_path):

@@ -65,47 +65,46 @@ def export_to(name):
     return export
 
 
+OVERWRITE = ("--overwrite",)
+
+
 class Writer(NamedTuple):
-    """A command, what makes it replace what is there, what is whole, how many rounds of kills, a package it needs."""
+    """A command, what of it is whole, how many rounds of kills, what makes it replace what is there, its package."""
 
     command: Callable[..., tuple]
-    replacing: tuple[str, ...]
     is_whole: Callable[..., bool]
     n_rounds: int = SOME
+    replacing: tuple[str, ...] = OVERWRITE
     package: str = "numpy"
 
 
-OVERWRITE = ("--overwrite",)
 WRITERS = {
     "map build": Writer(
-        lambda drive, folder: ("map", "build", *drive.dataset.map_clouds, "-o", folder / "out.map"),
-        OVERWRITE, is_whole_map, n_rounds=FEW,
+        lambda drive, folder: ("map", "build", *drive.dataset.map_clouds, "-o", folder / "out.map"), is_whole_map, FEW
     ),
     "map update": Writer(
         lambda drive, folder: (
             "map", "update", drive.city, drive.dataset.scans, folder.parent / "poses.csv", "-o", folder / "out.map",
         ),
-        OVERWRITE, is_whole_map, n_rounds=FEW,
+        is_whole_map, FEW,
     ),
     "map align": Writer(
         lambda drive, folder: ("map", "align", *sorted(folder.parent.glob("round-*.laz")), "-o", folder / "out"),
-        OVERWRITE, is_whole_alignment, n_rounds=FEW,
+        is_whole_alignment, FEW,
     ),
-    "map copy": Writer(
-        lambda drive, folder: ("map", "copy", drive.city, folder / "out.map"), OVERWRITE, is_whole_map
-    ),
+    "map copy": Writer(lambda drive, folder: ("map", "copy", drive.city, folder / "out.map"), is_whole_map),
     "simulate": Writer(
-        lambda drive, folder: ("simulate", "--epochs", "2", folder / "out"), OVERWRITE,
-        lambda path, maxcon: len(list(Dataset.open(path).scans.glob("*.bin"))) == 2, n_rounds=FEW,
+        lambda drive, folder: ("simulate", "--epochs", "2", folder / "out"),
+        lambda path, maxcon: len(list(Dataset.open(path).scans.glob("*.bin"))) == 2, FEW,
     ),
-    "export gpkg": Writer(export_to("out.gpkg"), OVERWRITE, is_whole_geopackage, package="pyogrio"),
-    "export mcap": Writer(export_to("out.mcap"), OVERWRITE, is_whole_mcap, package="mcap"),
+    "export gpkg": Writer(export_to("out.gpkg"), is_whole_geopackage, package="pyogrio"),
+    "export mcap": Writer(export_to("out.mcap"), is_whole_mcap, package="mcap"),
     "export laz": Writer(
-        export_to("out.laz"), OVERWRITE, lambda path, maxcon: len(np.unique(laspy.read(path).point_source_id)) == 4
+        export_to("out.laz"), lambda path, maxcon: len(np.unique(laspy.read(path).point_source_id)) == 4
     ),
     "report": Writer(
-        lambda drive, folder: ("report", folder.parent / "small.study", "-o", folder / "out.html"), (),
-        lambda path, maxcon: path.read_text().rstrip().endswith("</html>"),
+        lambda drive, folder: ("report", folder.parent / "small.study", "-o", folder / "out.html"),
+        lambda path, maxcon: path.read_text().rstrip().endswith("</html>"), replacing=(),
     ),
 }  # fmt: skip
 
@@ -176,7 +175,7 @@ def timed(maxcon_in_process_of_its_own):
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_what_a_killed_command_leaves_is_whole_or_not_there(name, drive, folder_of_kills, maxcon, timed, killed):
-    command, replacing, is_whole, n_rounds, package = WRITERS[name]
+    command, is_whole, n_rounds, replacing, package = WRITERS[name]
     pytest.importorskip(package)
     folder = folder_of_kills / name.replace(" ", "-")
     folder.mkdir()

@@ -3,11 +3,7 @@
 import json
 import shutil
 import signal
-import subprocess
 import sys
-import time
-from contextlib import ExitStack
-from threading import Thread
 
 import pyarrow
 import pyarrow.dataset
@@ -18,7 +14,6 @@ from maxcon.drive.poses_table import FORMATS, PosesDataset
 from maxcon.map.manifest import read_manifest, write_manifest
 
 NARROW = ("--half-width", "1.2", "--heading-half-width-deg", "1", "--cell", "0.06")
-N_EPOCHS = 40
 
 
 def as_csv(row):
@@ -31,21 +26,6 @@ def dataset_rows(out, name):
     flavour = pyarrow.dataset.partitioning(pyarrow.schema([("drive", pyarrow.string())]), flavor="hive")
     table = pyarrow.dataset.dataset(out, partitioning=flavour).to_table(filter=pyarrow.dataset.field("drive") == name)
     return [as_csv(row) for row in table.sort_by("epoch").to_pylist()]
-
-
-@pytest.fixture
-def long_drive(drive, prior_rows, tmp_path):
-    """The four scans of the drive, ten times over, and their prior."""
-    folder = tmp_path / "long"
-    folder.mkdir()
-    scans = sorted(drive.dataset.scans.glob("*.bin"))
-    times = [f"{number / 10.0:.6f}" for number in range(N_EPOCHS)]
-    for number in range(N_EPOCHS):
-        shutil.copy(scans[number % 4], folder / f"{number:06d}.bin")
-    (folder / "times.txt").write_text("\n".join(times) + "\n")
-    poses = [" ".join([at, *prior_rows[number % 4][1:]]) for number, at in enumerate(times)]
-    (tmp_path / "long.txt").write_text("\n".join(poses) + "\n")
-    return folder, tmp_path / "long.txt"
 
 
 @pytest.fixture
@@ -187,11 +167,11 @@ def test_what_has_no_effect_is_refused(drive, table, maxcon, refused, tmp_path):
 @pytest.mark.clusters
 def test_workers_write_the_table_of_one_process(localize, long_drive, single, tmp_path):
     table, pictures = tmp_path / "poses.csv", tmp_path / "pictures"
-    scans, prior = long_drive
+    scans, prior, _ = long_drive
     plot = ("--plot", pictures, "--plot-epochs", "0,39")
     ended = localize(*NARROW, "--workers", "2", *plot, scans=scans, prior=prior)
     assert (ended.code, ended.err) == (0, "")
-    assert f"{N_EPOCHS} of {N_EPOCHS} epochs localized" in ended.out
+    assert "40 of 40 epochs localized" in ended.out
     wanted = single("long", scans, prior)
     assert rows_of(table) == wanted
     assert sorted(path.name for path in pictures.iterdir()) == ["000000.png", "000039.png"]
@@ -203,53 +183,28 @@ def test_workers_write_the_table_of_one_process(localize, long_drive, single, tm
 @pytest.mark.clusters
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX signals to stop a process with")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
-def test_drives_that_are_stopped_go_on(drive, long_table, long_drive, maxcon, maxcon_process, single, out, name):
+def test_drives_that_are_stopped_go_on(drive, long_table, long_drive, maxcon, stopped_when, single, out, name):
     number = getattr(signal, name)
     arguments = ("localize", drive.city, "--drives", long_table, "-o", out, *NARROW, "--workers", "2", "--quiet")
-    with maxcon_process(*arguments) as process:
-        while not list(out.glob("_parts/long/[!.]*.parquet")) and process.poll() is None:
-            time.sleep(0.002)
-        process.send_signal(number)
-        _, err = process.communicate(timeout=600)
+    ended = stopped_when(number, lambda _: list(out.glob("_parts/long/[!.]*.parquet")), *arguments)
     if name == "SIGINT":
-        assert (process.returncode, err) == (128 + number, "maxcon: stopped\n")
+        assert ended == (128 + number, "maxcon: stopped\n")
     kept, others = (PosesDataset(out).table(drive).read().to_pylist() for drive in ("long", "0013"))
     ended = maxcon(*arguments)
     assert ended.code == 0 and f"{len(kept) + len(others)} of them were there" in ended.out
-    assert dataset_rows(out, "long") == single("long", *long_drive)
+    assert dataset_rows(out, "long") == single("long", *long_drive[:2])
     after = {row["epoch"]: row for row in PosesDataset(out).table("long").read().to_pylist()}
     assert kept and all(after[row["epoch"]] == row for row in kept)  # times and all: not made again
     assert sorted(path.name for path in out.iterdir()) == ["_drives.json", "_options.json", "drive=0013", "drive=long"]
 
 
-@pytest.fixture
-def cluster():
-    """Address of a scheduler with two workers, started as a user does."""
-    pytest.importorskip("distributed")
-    with ExitStack() as stack:
-
-        def start(*words):
-            command = [sys.executable, "-m", "dask", *words, "--host", "127.0.0.1"]
-            process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-            stack.callback(process.communicate)
-            stack.callback(process.terminate)
-            return process
-
-        scheduler = start("scheduler", "--port", "0", "--dashboard-address", "127.0.0.1:0")
-        address = next(word for line in scheduler.stderr for word in line.split() if word.startswith("tcp://"))
-        Thread(target=scheduler.stderr.read, daemon=True).start()  # else it stops where the pipe is full
-        for _ in range(2):
-            worker = start("worker", address, "--nthreads", "1", "--no-dashboard", "--memory-limit", "0")
-            Thread(target=worker.stderr.read, daemon=True).start()
-        yield address
-
-
 @pytest.mark.clusters
-def test_a_cluster_started_by_hand_makes_the_same_rows(drive, long_drive, long_table, cluster, maxcon, single, out):
+def test_a_cluster_that_somebody_started_makes_the_same_rows(drive, long_drive, long_table, dask, maxcon, single, out):
+    cluster = dask(2).scheduler_address
     arguments = ("localize", drive.city, "--drives", long_table, "-o", out, *NARROW, "--scheduler", cluster)
     ended = maxcon(*arguments)
     # Its workers may be starting still.
     assert ended.code == 0 and set(ended.err.splitlines()) <= {f"waiting up to 30 s for a worker at {cluster}"}
     assert ended.out == f"44 of 44 epochs of 2 drives localized; in {out}\n"
-    for name, parts in {"long": long_drive, "0013": (drive.dataset.scans, drive.dataset.prior)}.items():
+    for name, parts in {"long": long_drive[:2], "0013": (drive.dataset.scans, drive.dataset.prior)}.items():
         assert dataset_rows(out, name) == single(name, *parts)

@@ -88,23 +88,6 @@ IGNORES_HANGUPS = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN); 
 
 
 @pytest.fixture
-def stop_when_begun(maxcon_process):
-    """Start a command, send it a signal as soon as `began()`, and return its exit code and stderr."""
-
-    def run(number, began, *arguments, script=SLOW):
-        with maxcon_process(*arguments, script=script) as process:
-            end = time.monotonic() + 600.0
-            while not began() and process.poll() is None and time.monotonic() < end:
-                time.sleep(0.005)
-            assert process.poll() is None, process.stderr.read()
-            process.send_signal(number)
-            _, err = process.communicate(timeout=600)
-        return process.returncode, err
-
-    return run
-
-
-@pytest.fixture
 def build(drive, out):
     clouds = drive.dataset.map_clouds
     return ("map", "build", *clouds, "--trajectory", drive.dataset.map_trajectory, "-o", out / "city.map")
@@ -112,15 +95,15 @@ def build(drive, out):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 @pytest.mark.parametrize("stage", ["points", "tiles"])
-def test_a_build_that_is_stopped_leaves_nothing(stop_when_begun, build, out, number, stage):
-    code, err = stop_when_begun(number, lambda: list(out.glob(f".city.map.partial-*/*/{stage}")), *build)
-    assert (code, err) == (128 + number, "maxcon: stopped\n")
+def test_a_build_that_is_stopped_leaves_nothing(stopped_when, build, out, number, stage):
+    has_begun = lambda _: list(out.glob(f".city.map.partial-*/*/{stage}"))  # noqa: E731
+    assert stopped_when(number, has_begun, *build, script=SLOW) == (128 + number, "maxcon: stopped\n")
     assert list(out.iterdir()) == []
 
 
-def test_what_ignores_hangups_goes_on(stop_when_begun, build, out):
-    began = lambda: list(out.glob(".city.map.partial-*"))  # noqa: E731
-    assert stop_when_begun(signal.SIGHUP, began, *build, script=IGNORES_HANGUPS)[0] == 0
+def test_what_ignores_hangups_goes_on(stopped_when, build, out):
+    has_begun = lambda _: list(out.glob(".city.map.partial-*"))  # noqa: E731
+    assert stopped_when(signal.SIGHUP, has_begun, *build, script=IGNORES_HANGUPS)[0] == 0
     assert [path.name for path in out.iterdir()] == ["city.map"]
 
 

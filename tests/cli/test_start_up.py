@@ -12,7 +12,6 @@ import pytest
 import maxcon as package
 from localized_poses import rows_of
 from maxcon.cli.flags import TITLES
-from maxcon.drive.poses_table import COLUMNS
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab import simulation
 
@@ -135,9 +134,7 @@ def test_from_nothing_to_poses(run, tmp_path):
     printed = run("localize", "city.map", "dataset/scans", *files)
     assert printed.startswith("3 of 3 epochs localized, median ") and "written to poses.csv" in printed
     reference, rows = read_trajectory(tmp_path / "dataset" / "reference.txt"), rows_of(tmp_path / "poses.csv")
-    assert list(rows[0]) == list(COLUMNS)
     assert [row["status"] for row in rows] == ["localized"] * 3
-    assert all(float(row["score"]) > 1.0 for row in rows)
     for found in (read_trajectory(tmp_path / "poses.csv"), read_trajectory(tmp_path / "poses.txt")):
         np.testing.assert_allclose(found.times, reference.times, atol=1e-6)
         assert np.abs(found.positions[:, :2] - reference.positions[:, :2]).max() < 0.06

@@ -1,7 +1,6 @@
 """`maxcon study` and `maxcon report`: what they print, what they refuse, and that a kill loses nothing."""
 
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -15,21 +14,13 @@ SMALL = ("--half-width", "1.2", "--heading-half-width-deg", "1")
 
 
 @pytest.fixture
-def described(drive, tmp_path):
-    """A description of the drive with its built map, many times the same four scans."""
-    scans = tmp_path / "scans"
-    scans.mkdir()
-    poses = [line.split() for line in drive.dataset.reference.read_text().splitlines() if not line.startswith("#")]
-    times = [f"{number / 10.0:.6f}" for number in range(40)]
-    kept = [" ".join([time, *poses[number % 4][1:]]) for number, time in enumerate(times)]
-    for number in range(40):
-        (scans / f"{number:06d}.bin").symlink_to(drive.dataset.scans / f"{number % 4:06d}.bin")
-    (scans / "times.txt").write_text("\n".join(times) + "\n")
-    (tmp_path / "reference.txt").write_text("\n".join(kept) + "\n")
+def described(drive, long_drive, tmp_path):
+    """A description of the long drive with the map that is built already."""
+    folder, _, reference = long_drive
     description = tmp_path / "drive.toml"
     description.write_text(
-        f'[map]\npath = "{drive.city}"\n[scans]\nfolder = "scans"\nreference = "reference.txt"\n'
-        '[priors]\nexact = "reference.txt"\n'
+        f'[map]\npath = "{drive.city}"\n[scans]\nfolder = "{folder.name}"\nreference = "{reference.name}"\n'
+        f'[priors]\nexact = "{reference.name}"\n'
     )
     return description
 
@@ -41,17 +32,16 @@ def children_of(pid):
 @pytest.mark.kills
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc: processes cannot be watched")
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGINT"])
-def test_a_study_that_is_stopped_goes_on(described, maxcon_process, maxcon, tmp_path, name):
-    number = getattr(signal, name)
-    out = tmp_path / "study"
+def test_a_study_that_is_stopped_goes_on(described, stopped_when, maxcon, tmp_path, name):
+    number, out, children = getattr(signal, name), tmp_path / "study", []
     arguments = ("study", described, "-o", out, *METHODS, *SMALL, "--workers", "2", "--quiet")
-    with maxcon_process(*arguments) as process:
-        while len(list(out.glob("parts/[!.]*.parquet"))) < 2 and process.poll() is None:
-            time.sleep(0.002)
-        children = children_of(process.pid)
-        process.send_signal(number)
-        _, err = process.communicate(timeout=600)
-    assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
+
+    def has_two_parts(process):
+        children[:] = children_of(process.pid)
+        return len(list(out.glob("parts/[!.]*.parquet"))) >= 2
+
+    code, err = stopped_when(number, has_two_parts, *arguments)
+    assert code == (-number if number == signal.SIGKILL else 128 + number)
     assert "Traceback" not in err
     assert all_ended(children)
     assert not (out / "table.parquet").exists()
@@ -66,7 +56,7 @@ def test_a_study_that_is_stopped_goes_on(described, maxcon_process, maxcon, tmp_
 
 
 def test_study_and_report_say_what_they_did(described, maxcon, tmp_path):
-    out, page, scan = tmp_path / "study", tmp_path / "page.html", tmp_path / "scans" / "000000.bin"
+    out, page, scan = tmp_path / "study", tmp_path / "page.html", tmp_path / "long" / "000000.bin"
     scan.unlink()
     scan.write_bytes(b"123")
     ended = maxcon("study", described, "-o", out, *METHODS, *SMALL, "--epochs", "3", "--workers", "1")

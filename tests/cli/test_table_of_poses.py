@@ -1,7 +1,6 @@
 """POSES.csv while it grows: what is localized is kept whatever happens, and gone on with."""
 
 import signal
-import time
 
 import pytest
 
@@ -28,8 +27,6 @@ def waits(scans, epoch, options):
 maxcon.drive.localize.read_epoch = waits
 main()
 """
-LONG = 600.0
-"""s; only a test that fails waits so long."""
 
 
 @pytest.fixture
@@ -44,22 +41,16 @@ def arguments(drive, table):
 
 
 @pytest.fixture
-def stopped(maxcon_process, arguments, table, tmp_path):
+def stopped(stopped_when, arguments, table, tmp_path):
     """Send a signal to a drive when it has written so many rows; return its exit code and stderr."""
 
     def run(number, n_rows=2):
+        def is_there(_):
+            n_written = len(rows_of(table)) if table.exists() else 0
+            return n_written == n_rows and (n_rows or (tmp_path / "go.awaited").exists())
+
         script = WAITING.format(n_first=n_rows, go=str(tmp_path / "go"))
-        with maxcon_process(*arguments, script=script) as process:
-            deadline = time.monotonic() + LONG
-            while time.monotonic() < deadline and process.poll() is None:
-                is_there = table.exists() and len(rows_of(table)) == n_rows
-                if is_there or (n_rows == 0 and (tmp_path / "go.awaited").exists()):
-                    break
-                time.sleep(0.01)
-            assert process.poll() is None, process.stderr.read()
-            process.send_signal(number)
-            _, err = process.communicate(timeout=LONG)
-        return process.returncode, err
+        return stopped_when(number, is_there, *arguments, script=script)
 
     return run
 

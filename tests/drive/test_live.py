@@ -227,8 +227,9 @@ def test_messages_that_make_no_sense_are_refused(live):
         LiveOptions(delay=-1.0)
 
 
-def answered_by_a_thread(live, monkeypatch, *, in_time, at_first=0):
-    """Answers for three scans, each given when the one before has an answer, or is dropped as one of the first."""
+@pytest.mark.parametrize(("in_time", "at_first"), [(math.inf, 0), (-1.0, 2)])
+def test_a_thread_answers_what_comes_and_at_first_drops_what_is_late(live, monkeypatch, in_time, at_first):
+    """Each scan is given when the one before has an answer, or is dropped as one of the first."""
     monkeypatch.setattr("maxcon.drive.live.IN_TIME", in_time)
     monkeypatch.setattr("maxcon.drive.live.LONGEST_WAIT", math.inf)
     monkeypatch.setattr("maxcon.drive.live.MOST_REHEARSALS", at_first)
@@ -241,17 +242,8 @@ def answered_by_a_thread(live, monkeypatch, *, in_time, at_first=0):
             while sum(live._inbox.counts[:2]) <= epoch + (len(told) < epoch + 1 - at_first):
                 assert time.monotonic() < deadline
                 time.sleep(0.01)
-    return told
-
-
-def test_a_thread_answers_what_comes(live, monkeypatch):
-    told = answered_by_a_thread(live, monkeypatch, in_time=math.inf)
-    assert [answer.epoch.raw.time for answer in told] == TIMES[:3]
-
-
-def test_at_first_answers_that_come_late_are_counted_as_dropped(live, monkeypatch):
-    told = answered_by_a_thread(live, monkeypatch, in_time=-1.0, at_first=2)
-    assert [(answer.epoch.raw.time, answer.counts[:2]) for answer in told] == [(TIMES[2], (1, 2))]
+    assert [answer.epoch.raw.time for answer in told] == TIMES[at_first:3]
+    assert told[-1].counts[:2] == (3 - at_first, at_first)
 
 
 def test_what_has_waited_for_long_is_dropped(live):

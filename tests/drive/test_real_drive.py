@@ -18,12 +18,16 @@ def drive_folder(real_data):
     return real_data("kitti-0013")
 
 
+def built(folder, out):
+    """The manifest of the map that the clouds of a drive make, and the map."""
+    options = MapOptions(trajectory=read_trajectory(folder / "map" / "trajectory.txt"))
+    manifest = build_map(sorted((folder / "map").glob("*.laz")), out, options)
+    return manifest, PointMap.open(out)
+
+
 @pytest.fixture(scope="module")
 def city(drive_folder, tmp_path_factory):
-    out = tmp_path_factory.mktemp("real") / "city.map"
-    options = MapOptions(trajectory=read_trajectory(drive_folder / "map" / "trajectory.txt"))
-    manifest = build_map(sorted((drive_folder / "map").glob("*.laz")), out, options)
-    return manifest, PointMap.open(out)
+    return built(drive_folder, tmp_path_factory.mktemp("real") / "city.map")
 
 
 @pytest.fixture(scope="module")
@@ -89,10 +93,7 @@ def test_every_epoch_of_the_main_road_is_right(drive_folder, city, prior):
 @pytest.fixture(scope="module")
 def suburb(real_data, tmp_path_factory):
     folder = real_data("kitti360-suburb")
-    out = tmp_path_factory.mktemp("suburb") / "suburb.map"
-    options = MapOptions(trajectory=read_trajectory(folder / "map" / "trajectory.txt"))
-    build_map([folder / "map" / "map.laz"], out, options)
-    return folder, PointMap.open(out)
+    return folder, built(folder, tmp_path_factory.mktemp("suburb") / "suburb.map")[1]
 
 
 def test_every_epoch_of_the_suburb_is_right(suburb):

@@ -107,7 +107,6 @@ def test_cells_steps_and_heights_are_those_of_the_method_and_what_is_refused():
     space = WithinSigmas(method, trajectory, sigmas=2.0).at(0.0).space
     assert (space.half_width, space.heading_half_width_deg) == (pytest.approx(1.08), 1.25)
     assert (space.cell, space.heading_step_deg, space.height_half_width) == (0.12, 0.25, 0.24)
-    trajectory = Trajectory.from_poses([0.0], [truth(0)], covariance(0.5, 0.6)[None])
     with pytest.raises(OptionError, match=r"largest half width above 0 m, got 0\.0\. Default: 24 m"):
         WithinSigmas(MaximumConsensus(), trajectory, largest_half_width=0.0)
     with pytest.raises(TrajectoryError, match="within the trajectory"):

@@ -1,15 +1,18 @@
 """A map as points: what laspy and our own reader of PLY find in the files is what is in the map."""
 
+from dataclasses import replace
+
 import laspy
 import numpy as np
 import pytest
 
 from maxcon import PointMap
 from maxcon.errors import OptionError
-from maxcon.export import export_map
+from maxcon.export import export_map, points
 from maxcon.map.layout import SurfaceClass
 from maxcon.mapping.build import MapOptions, build_map
 from written_las import write_las
+from written_maps import stored_voxels
 
 RNG = np.random.default_rng(0)
 CRS, CORNER = "EPSG:25832", np.array([550_000.0, 5_802_000.0, 60.0])
@@ -30,12 +33,8 @@ def city(tmp_path_factory):
 @pytest.fixture(scope="module")
 def voxels(city):
     """Means in the CRS, counts and normals, tile by tile."""
-    point_map = PointMap.open(city)
-    tiles = [point_map.tile(key) for key in sorted(point_map.tile_keys)]
-    assert len(tiles) > 1
-    means = np.concatenate([tile.mean_points(point_map.cell) for tile in tiles])
-    counts, normals = (np.concatenate([getattr(tile, name) for tile in tiles]) for name in ("counts", "normals"))
-    return point_map.frame.to_global(means), counts, normals
+    assert len(PointMap.open(city).tile_keys) > 1
+    return stored_voxels(city)[:3]
 
 
 @pytest.mark.parametrize("suffix", [".laz", ".las"])
@@ -63,18 +62,14 @@ def test_ply_has_the_same_points_and_their_crs(city, voxels, tmp_path):
     assert b"25832" in header and b"comment crs PROJCRS" in header.replace(b"COMPOUNDCRS", b"PROJCRS")
     kinds = {"double": "<f8", "float": "<f4", "int": "<i4", "uchar": "u1"}
     words = [line.split() for line in header.decode().splitlines() if line.startswith("property")]
-    points = np.frombuffer(body, np.dtype([(name, kinds[kind]) for _, kind, name in words]))
-    assert len(points) == n_voxels + n_heights
-    np.testing.assert_allclose(np.column_stack([points[axis] for axis in "xyz"])[:n_voxels], voxels[0], atol=1e-9)
-    np.testing.assert_array_equal(points["count"][:n_voxels], voxels[1])
-    np.testing.assert_array_equal(np.unique(points["class"]), [1, 2])
+    found = np.frombuffer(body, np.dtype([(name, kinds[kind]) for _, kind, name in words]))
+    assert len(found) == n_voxels + n_heights
+    np.testing.assert_allclose(np.column_stack([found[axis] for axis in "xyz"])[:n_voxels], voxels[0], atol=1e-9)
+    np.testing.assert_array_equal(found["count"][:n_voxels], voxels[1])
+    np.testing.assert_array_equal(np.unique(found["class"]), [1, 2])
 
 
 def test_what_is_gone_of_an_updated_map_is_written_and_says_so(city, monkeypatch, tmp_path):
-    from dataclasses import replace
-
-    from maxcon.export import points
-
     read = points.stored_tiles
 
     def updated(*arguments, **keywords):

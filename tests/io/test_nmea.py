@@ -118,9 +118,8 @@ def test_orientations_of_pashr(tmp_path):
 def test_poses_in_the_coordinates_of_a_map(tmp_path):
     path = _write(tmp_path / "a.nmea", _way())
     prior = read_geographic_prior(path, UTM)
-    np.testing.assert_allclose(
-        GeographicFrame(UTM).to_geographic(prior.trajectory.positions)[0], [52.0, 13.0, 100.0], atol=1e-9
-    )
+    places = GeographicFrame(UTM).to_geographic(prior.trajectory.positions)
+    np.testing.assert_allclose(places[0], [52.0, 13.0, 100.0], atol=1e-9)
     assert abs(prior.trajectory.angles[10, 2]) < math.radians(2.0)  # grid north is 1.6 degrees off
     assert prior.heights is Heights.ELLIPSOIDAL and not prior.has_orientations
     with pytest.raises(CrsError, match="a map with a CRS"):

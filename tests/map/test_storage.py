@@ -52,7 +52,7 @@ class Ranges(SimpleHTTPRequestHandler):
         pass
 
 
-class Refusing(SimpleHTTPRequestHandler):
+class Refusing(Ranges):
     """Gives nothing to anybody."""
 
     def do_GET(self):
@@ -60,9 +60,6 @@ class Refusing(SimpleHTTPRequestHandler):
         self.end_headers()
 
     do_HEAD = do_PUT = do_GET
-
-    def log_message(self, *_):
-        pass
 
 
 @contextmanager

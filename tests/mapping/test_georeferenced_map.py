@@ -14,7 +14,7 @@ from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.map.manifest import read_manifest
 from maxcon.mapping.georeference import georeference, places_of_fixes
 from street_of_boxes import CAR, WALL, map_of
-from written_maps import run, write
+from written_maps import run, stored_voxels, write
 
 TO = np.array([458_860.0, 5_429_160.0, 115.0])
 TURN = Rotation.from_euler("ZYX", [137.0, 1.5, -1.0], degrees=True)
@@ -118,22 +118,14 @@ def slam(tmp_path_factory):
     return folder
 
 
-def voxels_of(path):
-    """Means and normals of all voxels, global."""
-    opened = PointMap.open(path)
-    tiles = [opened.tile(key) for key in sorted(opened.tile_keys)]
-    means = opened.frame.to_global(np.concatenate([tile.mean_points(opened.cell) for tile in tiles]))
-    return means, np.concatenate([tile.normals for tile in tiles])
-
-
 def test_the_new_map_has_the_same_surfaces_where_they_belong(slam, tmp_path):
     """By fixes with a lever arm, and by control points: surfaces within a centimetre, normals and ground with them."""
     gnss = ("--gnss", slam / "fixes.tum", "--trajectory", slam / "poses.tum", "--mounting", slam / "antenna.toml")
     for name, given in (("gnss", gnss), ("control", ("--control", slam / "control.csv"))):
         out = tmp_path / f"{name}.map"
         run(*COMMAND, slam / "slam.map", *given, "--crs", "EPSG:25832", "-o", out)
-        before, of_before = voxels_of(slam / "slam.map")
-        means, normals = voxels_of(out)
+        before, _, of_before, _ = stored_voxels(slam / "slam.map")
+        means, _, normals, _ = stored_voxels(out)
         back = TURN.inv().apply(means - TO)
         on_wall = (np.abs(back[:, 1] - 6.0) < 0.05) & (back[:, 2] > 0.3) & (back[:, 2] < 4.7)
         assert on_wall.sum() >= 0.95 * ((np.abs(before[:, 1] - 6.0) < 0.03) & (before[:, 2] > 0.3)).sum()

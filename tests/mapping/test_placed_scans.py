@@ -20,7 +20,7 @@ from maxcon.map.manifest import read_manifest
 from maxcon.scan.mounting import sensor_trajectory
 from recorded_drives import record_drive, transforms, write_entries
 from street_of_boxes import WALL, DriveOfBoxes, inside
-from written_maps import run
+from written_maps import run, stored_voxels
 
 PARKED = ((8.0, -3.8, 0.2), (12.0, -2.2, 1.5))
 PASSING = (2.5, 4.3)  # y of both sides of a car that passes between the scanner and the wall
@@ -50,10 +50,8 @@ def built(drive):
 
 
 def test_what_stands_stays_where_it_is_and_what_passed_is_gone(drive, built):
-    tiles = [built.tile(key) for key in sorted(built.tile_keys)]
-    points = np.concatenate([built.frame.to_global(tile.mean_points(built.cell)) for tile in tiles])
-    normals = np.concatenate([tile.normals for tile in tiles])
-    is_gone = np.concatenate([tile.surface_classes for tile in tiles]) == SurfaceClass.GONE
+    points, _, normals, classes = stored_voxels(drive / "street.map")
+    is_gone = classes == SurfaceClass.GONE
     assert all(inside(points, box).sum() > 500 for box in (WALL, PARKED))
     assert not any((inside(points, box, margin=0.0) & is_gone).any() for box in (WALL, PARKED))
     trail = (points[:, 1] > PASSING[0] - 0.1) & (points[:, 1] < PASSING[1] + 0.1) & (points[:, 2] > 0.2)

@@ -120,7 +120,6 @@ def test_colours_run_from_nothing_to_the_best_and_the_reference_is_marked_at_its
     )
     assert empty.limits == (0.0, 1.0)
     assert not empty.has_best
-    view = score_panel.SearchSpaceView(parts()["accumulator"], maxcon.Helmert())
     assert view.offset(yard().reference) == pytest.approx((0.18, -0.24))
     assert view.heading_nearest(yard().reference, range(5)) == 3
     assert view.best == SPACE.nearest_cell(yard().reference, yard().prior)

@@ -27,21 +27,16 @@ def planes_of_a_yard(offset, n_per_square_metre, rng):
 
 
 @pytest.fixture(scope="session")
-def planes_of_yard():
-    return planes_of_a_yard
-
-
-@pytest.fixture(scope="session")
 def yard():
     """Make a map and a scan of thin walls that lie anywhere between the faces of voxels."""
 
-    def make(seed=0, truth=None, noise=0.0, share_with_normals=1.0, n_per_square_metre=400, sigma=0.0):
+    def make(seed=0, at=(0.0, 0.0, 0.0), noise=0.0, share_with_normals=1.0, n_per_square_metre=400, sigma=0.0):
         rng = np.random.default_rng(seed)
-        offset = rng.uniform(-0.5, 0.5, 3)
+        offset = rng.uniform(-0.5, 0.5, 3) + at
         points, normals = planes_of_a_yard(offset, n_per_square_metre, rng)
         noisy = points + rng.normal(0.0, noise, (len(points), 1)) * normals
         point_map = PointMap.from_points(noisy, normals, CELL, sigma=sigma)
-        truth = truth or Pose(*offset, 0.004, -0.003, 0.4)
+        truth = Pose(*offset, 0.004, -0.003, 0.4)
         points, normals = planes_of_a_yard(offset, 40, rng)
         points = points + rng.normal(0.0, noise, (len(points), 1)) * normals
         normals[rng.random(len(normals)) > share_with_normals] = 0.0

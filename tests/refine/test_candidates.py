@@ -74,7 +74,6 @@ def test_starts_at_one_place_are_one_candidate_that_keeps_its_height_and_no_matc
     near = [adjusted_candidate(scan.sample, point_map, beside(dx), FROM_LARGE_CELLS, SCORING) for dx in (-0.2, 0.2)]
     far = adjusted_candidate(scan.sample, point_map, beside(0.0, z=50.0), FROM_LARGE_CELLS, SCORING)
     assert distinct([*near, far]) == [max(near, key=lambda each: each.score)]
-    point_map, scan = town
     start = beside(0.3, 0.2, turn_deg=0.8)
     assert abs(adjusted_candidate(scan.sample, point_map, start, FROM_LARGE_CELLS, SCORING).pose.z - TRUTH.z) < 0.03
 

@@ -91,9 +91,8 @@ def tilt_between(one, other):
 
 
 def off_by(pose, height, roll_deg, pitch_deg):
-    return replace(
-        pose, z=pose.z + height, roll=pose.roll + math.radians(roll_deg), pitch=pose.pitch + math.radians(pitch_deg)
-    )
+    roll, pitch = pose.roll + math.radians(roll_deg), pose.pitch + math.radians(pitch_deg)
+    return replace(pose, z=pose.z + height, roll=roll, pitch=pitch)
 
 
 @given(
@@ -103,9 +102,8 @@ def off_by(pose, height, roll_deg, pitch_deg):
 )  # fmt: skip
 def test_height_and_tilt_of_a_prior_are_corrected(maps, ground, height, roll_deg, pitch_deg, heading, cars, seed):
     pose = on(ground, heading=heading)
-    fit = fit_ground(
-        scan_of(ground, pose, cars=cars, seed=seed), maps[ground], off_by(pose, height, roll_deg, pitch_deg)
-    )
+    scan, prior = scan_of(ground, pose, cars=cars, seed=seed), off_by(pose, height, roll_deg, pitch_deg)
+    fit = fit_ground(scan, maps[ground], prior)
     assert fit is not None
     assert abs(fit.pose.z - pose.z) < 0.05
     assert tilt_between(fit.pose, pose) < 0.25

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -63,15 +64,10 @@ def ground(sigma_height=0.01, sigma_tilt=0.001):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What the refinement was asked for."""
-    calls = []
-
-    def recorded(scan, point_map, start, table, **sigmas):
-        calls.append((start, sigmas))
-        return refine(scan, point_map, start, table=table, **sigmas)
-
-    monkeypatch.setattr(validation, "refine", recorded)
-    return calls
+    """The refinement, which remembers what it was asked for."""
+    watched = Mock(wraps=refine)
+    monkeypatch.setattr(validation, "refine", watched)
+    return watched
 
 
 def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_refined(asked, room):
@@ -80,7 +76,7 @@ def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_re
         answer = validate(doubted, fit, seen(room, 3000), room[2], Trust(), RISK)
         assert (answer.pose, answer.status, answer.score) == (pose, Status.AMBIGUOUS, doubted.score)
         assert not np.isfinite(np.diag(answer.covariance)).any()
-    assert asked == []
+    asked.assert_not_called()
 
 
 @pytest.mark.parametrize(
@@ -94,8 +90,11 @@ def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_re
 )
 def test_the_ground_tells_no_more_than_map_and_walls_agree_on(asked, room, fit, height_sigma, tilt_sigma):
     answer = validate(found(), fit, seen(room, 3000), room[2], Trust(), RISK)
-    sigmas = {"height_sigma": height_sigma, "tilt_sigma": tilt_sigma}
-    assert asked == [(HERE if fit is None else ON_GROUND, sigmas | {"passes": PASSES})]
+    asked.assert_called_once()
+    told = dict(asked.call_args.kwargs)
+    assert asked.call_args.args[2] == (HERE if fit is None else ON_GROUND)
+    assert (told.pop("height_sigma"), told.pop("tilt_sigma"), told.pop("passes")) == (height_sigma, tilt_sigma, PASSES)
+    assert list(told) == ["table"]
     assert answer.is_localized
     assert answer.pose.position[:2] == pytest.approx(HERE.position[:2], abs=0.01)
     assert np.isfinite(answer.covariance).all() and np.isfinite(answer.protection_level).all()

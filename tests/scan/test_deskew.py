@@ -98,14 +98,9 @@ def newer(real_data):
     def read(name):
         return np.fromfile(folder / name, "<f4").astype(np.float64)
 
-    return [
-        (
-            read(f"raw_0{i}.bin").reshape(-1, 3) * [-1.0, -1.0, 1.0],
-            read(f"deskewed_0{i}.bin").reshape(-1, 3),
-            read(f"times_0{i}.bin"),
-        )
-        for i in range(3)
-    ]
+    raw, published, times = ([read(f"{name}_0{i}.bin") for i in range(3)] for name in ("raw", "deskewed", "times"))
+    turned = [points.reshape(-1, 3) * [-1.0, -1.0, 1.0] for points in raw]
+    return list(zip(turned, (points.reshape(-1, 3) for points in published), times, strict=True))
 
 
 @pytest.mark.parametrize("number", range(3))

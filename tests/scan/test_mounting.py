@@ -45,11 +45,7 @@ def test_poses_of_the_scanner_from_those_of_the_antenna_or_its_course_over_groun
     _same(mounting.of_prior(prior), sensor)
     _same(mounting.of_odometry(prior), sensor)
     _same(Mounting(T_VEHICLE_SENSOR, T_VEHICLE_PRIOR).of_odometry(sensor), sensor)
-    vehicle = _drive()
-    times = np.arange(len(vehicle))
-    antennas = [pose @ Pose(*T_VEHICLE_PRIOR.position.tolist(), 0, 0, 0) for pose in vehicle]
-    sensor = Trajectory.from_poses(times, [pose @ T_VEHICLE_SENSOR for pose in vehicle])
-    prior = Trajectory.from_poses(times, antennas)
+    prior = Trajectory.from_poses(times, [pose @ Pose(*T_VEHICLE_PRIOR.position.tolist(), 0, 0, 0) for pose in vehicle])
     _same(Mounting(T_VEHICLE_SENSOR, T_VEHICLE_PRIOR).of_prior(prior, has_orientations=False), sensor)
 
 

@@ -9,10 +9,8 @@ from hypothesis import strategies as st
 
 from maxcon import Scan
 from maxcon.io.scans import open_scans
+from maxcon.lab.simulation import ScannerLayout
 from maxcon.scan.scan import estimate_scan_normals
-
-STREET = np.radians(31.0)
-GROUND = ((0.0, 0.0, 1.0), 1.7, (-2.0, 9.0))
 
 
 def directions(n_rings=16, low_deg=-15.0, high_deg=15.0, step_deg=0.2, jitter_deg=0.0, seed=0):
@@ -26,23 +24,6 @@ def directions(n_rings=16, low_deg=-15.0, high_deg=15.0, step_deg=0.2, jitter_de
     return np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
 
 
-def cast(beams, planes, noise=0.03, seed=0):
-    """Points on the nearest of some planes (normal to the sensor, distance, heights), and their true normals."""
-    ranges = np.full(len(beams), np.inf)
-    hit = np.zeros(len(beams), int)
-    for number, (normal, distance, (low, high)) in enumerate(planes):
-        with np.errstate(divide="ignore"):
-            along = -distance / (beams @ np.asarray(normal))
-        is_hit = (along > 0.5) & (along < np.minimum(ranges, 100.0))
-        heights = beams[:, 2] * np.where(is_hit, along, 0.0)
-        is_hit &= (heights > low) & (heights < high)
-        ranges[is_hit], hit[is_hit] = along[is_hit], number
-    seen = np.isfinite(ranges)
-    noisy = ranges[seen] + np.random.default_rng(seed).normal(0.0, noise, seen.sum())
-    true = np.array([plane[0] for plane in planes], float)[hit[seen]]
-    return beams[seen] * noisy[:, None], true
-
-
 def angle_errors_deg(normals, true):
     return np.degrees(np.arccos(np.clip((normals * true).sum(axis=1), -1.0, 1.0)))
 
@@ -53,20 +34,15 @@ def assert_unit_and_turned_to_the_sensor(points, normals):
     assert ((normals * points).sum(axis=1) <= 0.0).all()
 
 
-def wall(distance, heading=0.0):
-    return (-np.sin(heading), -np.cos(heading), 0.0), distance, (-1.7, 8.0)
-
-
 def test_a_step_in_depth_is_not_bridged():
     """A pillar 2 m before a wall: at its edges no normal looks along the step."""
     beams = directions()
-    before = np.abs(np.arctan2(beams[:, 0], beams[:, 1])) < 0.2
-    front, front_true = cast(beams[before], [wall(6.0)], seed=1)
-    back, back_true = cast(beams[~before], [wall(8.0)], seed=2)
-    points, true = np.concatenate([front, back]), np.concatenate([front_true, back_true])
-    normals = estimate_scan_normals(points)
+    beams = beams[beams[:, 1] > 0.15]
+    ranges = np.where(np.abs(np.arctan2(beams[:, 0], beams[:, 1])) < 0.2, 6.0, 8.0) / beams[:, 1]
+    points = (ranges + np.random.default_rng(1).normal(0.0, 0.03, len(beams)))[:, None] * beams
+    normals = estimate_scan_normals(points[points[:, 2] > -1.7])
     has_normal = normals.any(axis=1)
-    errors = angle_errors_deg(normals, true)[has_normal]
+    errors = angle_errors_deg(normals, np.array([0.0, -1.0, 0.0]))[has_normal]
     assert has_normal.mean() > 0.9
     assert np.quantile(errors, 0.99) < 15.0
 
@@ -84,15 +60,10 @@ def test_whatever_comes_normals_are_unit_vectors_or_zeros(seed, n, scale):
 
 
 # Elevations of rings, deg: 16 evenly, 32 unevenly spaced, 64 in two blocks, 64 and 128 evenly.
-VLP_32C = (
-    -25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667, -2.333,
-    -2.0, -1.667, -1.333, -1.0, -0.667, -0.333, 0.0, 0.333, 0.667, 1.0, 1.333, 1.667, 2.333, 3.333, 4.667, 7.0,
-    10.333, 15.0,
-)  # fmt: skip
 RINGS_DEG = {
     "8 rings": np.linspace(-10.0, 10.0, 8), "16 rings": np.linspace(-15.0, 15.0, 16),
-    "32 uneven rings": np.array(VLP_32C),
-    "64 rings in two blocks": np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.87, -24.33, 32)]),
+    "32 uneven rings": np.degrees(ScannerLayout.VLP_32C.scanner().elevations),
+    "64 rings in two blocks": np.degrees(ScannerLayout.HDL_64E.scanner().elevations),
     "64 rings": np.linspace(-22.5, 22.5, 64), "128 rings": np.linspace(-22.5, 22.5, 128),
 }  # fmt: skip
 
@@ -189,8 +160,7 @@ def test_real_scans_have_horizontal_normals(real_data, drive):
 
 
 def test_memory_does_not_grow_with_the_epochs():
-    beams = directions(step_deg=0.8)
-    scans = [cast(beams, [wall(5.0 + 0.1 * i, STREET), GROUND], seed=i)[0] for i in range(5)]
+    scans = [sweep("16 rings", 3.0 * i, step_deg=0.8)[0] for i in range(5)]
 
     def prepare(n_epochs):
         for i in range(n_epochs):

@@ -141,9 +141,8 @@ def test_at_a_pose_it_is_that_pose_whatever_the_gaps():
 
 def test_a_gap_longer_than_allowed_is_refused_and_can_be_allowed():
     trajectory = drive([0.0, 1.0])
-    with pytest.raises(
-        TrajectoryError, match=r"at most 0\.5 s apart around 0\.2.*gap of 1\.0.*0\.2\d* s from the nearest.*max_gap"
-    ):
+    words = r"at most 0\.5 s apart around 0\.2.*gap of 1\.0.*0\.2\d* s from the nearest.*max_gap"
+    with pytest.raises(TrajectoryError, match=words):
         trajectory.at(0.2)
     assert trajectory.at(0.2, max_gap=1.0).x == pytest.approx(UTM[0] + 2.0)  # one that is just the largest
     np.testing.assert_allclose(trajectory.positions_at([0.2], max_gap=1.0)[:, 0], UTM[0] + 2.0)

@@ -296,15 +296,6 @@ def test_the_prior_turns_and_raises_the_scan():
 # --- nothing to match, and what is refused ------------------------------------------------------------
 
 
-@both_multiplicities
-def test_no_points_match_nothing(multiplicity):
-    nothing, options = np.empty((0, 3)), {"multiplicity": multiplicity}
-    point_map = PointMap.from_points(nothing, nothing, CELL)
-    for scan in (Scan(nothing), Scan([[1.0, 2.0, 3.0]], [X])):
-        assert not reference.voxels(scan, point_map, HERE, SMALL, **options).moments.any()
-        assert not reference.pairs(scan, nothing, nothing, HERE, SMALL, threshold=CELL, **options).moments.any()
-
-
 @pytest.mark.parametrize(
     ("points", "normals", "options", "error", "words"),
     [

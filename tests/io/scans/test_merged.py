@@ -82,9 +82,8 @@ def test_epochs_are_matched_by_time():
     scans = merged(front, rear)
     np.testing.assert_array_equal(scans._rows, [[0, -1], [1, 0], [2, 1], [3, 2], [4, -1]])
     assert len(scans) == 5
-    assert (
-        scans.words == "scans of 2 scanners: front in 5 epochs, up to 0.0 ms off; rear in 3 epochs, up to 30.0 ms off"
-    )
+    words = "front in 5 epochs, up to 0.0 ms off; rear in 3 epochs, up to 30.0 ms off"
+    assert scans.words == f"scans of 2 scanners: {words}"
     assert len(scans.read(0).points) == 5760 and len(scans.read(1).points) == 2 * 5760
 
 

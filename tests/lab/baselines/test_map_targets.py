@@ -3,9 +3,13 @@
 import gc
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import count
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from walled_streets import same, skip_without_its_package
 
 from maxcon import PointMap, Pose, Scan, Status
 from maxcon.geometry import LocalFrame
@@ -20,55 +24,27 @@ def plain():
     return PointMap.from_points(points, np.tile([0.0, 0.6, 0.8], (len(points), 1)), 0.06)
 
 
-class WatchedTiles:
-    """The tiles of a map, and which of them were loaded."""
-
-    def __init__(self, point_map):
-        self.keys, self._of, self.loaded = point_map.tile_keys, point_map, []
-
-    def load(self, key):
-        self.loaded.append(key)
-        return self._of.tile(key)
-
-
-@pytest.fixture
-def watched(plain):
-    tiles = WatchedTiles(plain)
-    return PointMap(LocalFrame(), plain.cell, True, tiles), tiles
-
-
-def test_no_tile_is_loaded_beyond_the_reach_and_none_twice(watched):
-    point_map, tiles = watched
-    targets = MapTargets()
+def test_no_tile_is_loaded_beyond_the_reach_and_none_twice(plain):
+    load, targets = Mock(wraps=plain.tile), MapTargets()
+    point_map = PointMap(LocalFrame(), plain.cell, True, SimpleNamespace(keys=plain.tile_keys, load=load))
     targets.planes(point_map, Place(0, 0, 20.0), 0.25)
-    assert sorted(tiles.loaded) == [(kx, ky) for kx in (-1, 0, 1) for ky in (-1, 0, 1)]
+    assert sorted(call.args[0] for call in load.call_args_list) == [(kx, ky) for kx in (-1, 0, 1) for ky in (-1, 0, 1)]
     targets.planes(point_map, Place(1, 0, 20.0), 0.25)
-    assert sorted(tiles.loaded[9:]) == []
+    assert load.call_count == 9
     targets.planes(point_map, Place(0, 0, 20.0), 0.5)
-    assert len(tiles.loaded) == 18
-
-
-class Maker:
-    """Makes numbers, and counts."""
-
-    n_made = 0
-
-    def __call__(self):
-        self.n_made += 1
-        return self.n_made
+    assert load.call_count == 18
 
 
 def test_what_was_used_longest_ago_goes_first(plain):
-    targets, make = MapTargets(), Maker()
+    targets, make = MapTargets(), count(1).__next__
     other = PointMap.from_points([[0, 0, 0.0]], [[0, 0, 1.0]])
     assert [targets.get(a_map, 0, make) for a_map in (plain, other, plain, other)] == [1, 2, 1, 2]
-    make.n_made = 1
     for key in range(N_TARGETS):
         targets.get(plain, key, make)
     assert targets.get(plain, 0, make) == 1
-    assert targets.get(plain, "new", make) == N_TARGETS + 1
+    assert targets.get(plain, "new", make) == N_TARGETS + 2
     assert targets.get(plain, 0, make) == 1
-    assert targets.get(plain, 1, make) == N_TARGETS + 2
+    assert targets.get(plain, 1, make) == N_TARGETS + 3
 
 
 def test_a_map_that_is_gone_takes_its_targets_along(street_scan, street):
@@ -90,7 +66,7 @@ METHODS = [
 ]  # fmt: skip
 
 
-def test_methods_that_share_answer_as_alone_whatever_was_localized_before(same, street, street_map, street_scan):
+def test_methods_that_share_answer_as_alone_whatever_was_localized_before(street, street_map, street_scan):
     pytest.importorskip("small_gicp")
     targets, prior = MapTargets(), street.prior(0.4, 0.2)
     flat = PointMap.from_points([[0, 0, 0.0]], [[0, 0, 1.0]])
@@ -108,8 +84,7 @@ def test_methods_that_share_answer_as_alone_whatever_was_localized_before(same, 
 @pytest.mark.parametrize("make", METHODS)
 def test_where_nothing_matches_the_prior_is_the_answer(street, street_map, street_scan, make):
     method, nothing = make(), Scan(np.empty((0, 3)))
-    if not isinstance(method, Icp | MultiStart):
-        pytest.importorskip("small_gicp")
+    skip_without_its_package(method)
     above, far = replace(street.sensor, z=street.sensor.z + 10.0), replace(street.sensor, x=1e5)
     for scan, prior in ((street_scan, above), (street_scan, far), (nothing, street.sensor)):
         found = method.localize(scan, street_map, prior)

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from walled_streets import Street, same, skip_without_its_package
 
 from maxcon import Estimate, Pose, Scan, Status
 from maxcon.errors import OptionError
@@ -76,16 +77,15 @@ def test_by_overlap_the_end_nearest_to_the_map_wins_and_says_its_own_word():
 
 @pytest.mark.parametrize("method", [Icp(), Gicp()])
 def test_points_near_the_map_are_counted_at_a_pose(street, street_map, street_scan, method):
-    if isinstance(method, Gicp):
-        pytest.importorskip("small_gicp")
+    skip_without_its_package(method)
     aligner = method.prepare(street_scan, street_map, street.sensor)
     n_points = aligner.n_near_map(street.sensor, 50.0)
     assert aligner.n_near_map(street.sensor, 0.5) > 0.95 * n_points > 0
     assert aligner.n_near_map(street.prior(0.0, 2.0), 0.5) < 0.5 * n_points
 
 
-def test_a_street_of_equal_houses_is_ambiguous(new_street):
-    periodic = new_street().facades(length=61.0).pilasters(np.arange(-28.5, 29.0, 3.0))
+def test_a_street_of_equal_houses_is_ambiguous():
+    periodic = Street().facades(length=61.0).pilasters(np.arange(-28.5, 29.0, 3.0))
     many = MultiStart(Icp(gate=1.0))
     scan, point_map = periodic.scan(), periodic.point_map
     ends = many.estimates(scan, point_map, periodic.sensor)
@@ -97,8 +97,7 @@ def test_a_street_of_equal_houses_is_ambiguous(new_street):
 
 @pytest.mark.parametrize("method", [Icp(), Gicp()])
 def test_each_start_ends_where_it_ends_alone(street, street_map, street_scan, method):
-    if isinstance(method, Gicp):
-        pytest.importorskip("small_gicp")
+    skip_without_its_package(method)
     many = MultiStart(method, n_side=2)
     ends = many.estimates(street_scan, street_map, street.sensor)
     for start, end in zip(many.starts(street.sensor), ends, strict=True):
@@ -150,9 +149,8 @@ def test_options_out_of_range_are_refused(kind, options, words):
 
 
 @pytest.mark.parametrize("method", [Icp("point", gate=2.0), Gicp(1.0), Many(n_side=2), CountThenGicp(gicp=Gicp(1.0))])
-def test_a_method_travels_without_what_it_keeps_of_maps(same, street, street_map, street_scan, method):
-    if not isinstance(method, Icp | MultiStart):
-        pytest.importorskip("small_gicp")
+def test_a_method_travels_without_what_it_keeps_of_maps(street, street_map, street_scan, method):
+    skip_without_its_package(method)
     prior = street.prior(0.3)
     wanted = method.localize(street_scan, street_map, prior)
     packed = pickle.dumps(method)

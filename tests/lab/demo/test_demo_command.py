@@ -48,18 +48,16 @@ def demo(built_once):
 
 @pytest.mark.documents
 def test_the_table_the_files_and_the_figures_of_the_report_are_there(demo):
-    _, printed = demo
+    folder, printed = demo
     for method in DEMO_METHODS:
         rows = [line for line in printed.splitlines() if method in line]
         assert len(rows) == 1
         assert re.search(r"\d of 4 .*\d\.\d{3} .*\d\.\d{3} .*\d\.\d\d .*\d+", rows[0])
     assert re.search(r"Helmert, a voxel once\D+4 of 4", printed)
-    folder, printed = demo
     assert sorted(path.name for path in folder.iterdir()) == sorted(DEMO_NAMES)
     assert f"The report with pictures: {folder / 'report.html'}" in " ".join(printed.split("\n"))
     assert len(PointMap.open(folder / "city.map").tile_keys) > 1
     assert len(list(Dataset.open(folder / "dataset").scans.glob("*.bin"))) == 4
-    folder, printed = demo
     page = (folder / "report.html").read_text()
     assert "<title>maxcon demo: a simulated street</title>" in page
     assert "maxcon demo --epochs 4 --seed 0" in page
@@ -80,7 +78,6 @@ def test_maximum_consensus_is_right_where_one_start_and_the_count_are_not(demo):
     told = " ".join(printed.split())
     assert "maximum consensus is right in 4 of 4 epochs; registration from one start in" in told
     assert "What searches the window first can do it too" in told
-    folder, _ = demo
     page = (folder / "report.html").read_text()
     first = page[page.index("<img") : page.index("</figure>")]
     assert "stood before a red light for 10 s" in first

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The paper's claims against small tables made by hand."""
 
 from maxcon.lab.report.claims import Verdict, paper_claims

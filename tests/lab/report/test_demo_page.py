@@ -1,8 +1,6 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
+from html import unescape
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,24 +12,6 @@ from maxcon.search.space import SearchSpace
 from opened_pages import assert_whole
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7 * 7 }}"
-
-
-class Tags(HTMLParser):
-    """Every tag of a page with its attributes, and all its text."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags, self.text = [], ""
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_data(self, data):
-        self.text += data
-
-    def named(self, name):
-        return [attributes for tag, attributes in self.tags if tag == name]
 
 
 def method(objective, multiplicity):
@@ -94,11 +74,11 @@ def test_everything_is_escaped(page, tmp_path):
     picture = replace(page["why"], title=HOSTILE, caption=HOSTILE, alt=HOSTILE)
     words = dict.fromkeys(("title", "n_tiles", "n_scans", "command", "version", "seed"), HOSTILE)
     write_page(tmp_path / "demo.html", "demo.html.j2", page | words | {"spaces": picture})
-    tags = Tags((tmp_path / "demo.html").read_text("utf-8"))
-    assert not tags.named("script")
-    assert all(set(attributes) == {"src", "alt"} for attributes in tags.named("img"))
-    assert tags.named("img")[-1]["alt"] == HOSTILE
-    assert tags.text.count(HOSTILE) >= 8
+    text = (tmp_path / "demo.html").read_text("utf-8")
+    assert "<script" not in text
+    images = [re.fullmatch('src="[^"]*" alt="([^"]*)"', found) for found in re.findall("<img ([^>]*)>", text)]
+    assert unescape(images[-1].group(1)) == HOSTILE and None not in images
+    assert unescape(re.sub("<[^>]*>", "", text)).count(HOSTILE) >= 8
 
 
 @pytest.mark.browser
@@ -112,9 +92,8 @@ def test_a_browser_shows_it_whole(page, tmp_path, width, scheme):
 def test_nothing_is_fetched_from_anywhere(written):
     text = written.read_text("utf-8")
     assert re.findall(r"https?://", text) == []
-    tags = Tags(text)
-    assert not tags.named("script")
-    addresses = [tag[1][key] for tag in tags.tags for key in ("src", "href", "srcset") if key in tag[1]]
+    assert "<script" not in text
+    addresses = re.findall('(?:src|href|srcset)="([^"]*)"', text)
     assert len(addresses) == 7
     assert all(address.startswith("data:") for address in addresses)
     assert "url(" not in text and "@import" not in text

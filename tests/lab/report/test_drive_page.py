@@ -1,6 +1,4 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
-"""The page of one's own drive: rows made by hand, whose numbers are known, and how it looks in a browser."""
+"""The page of one's own drive: rows made by hand, whose numbers are known, walls by facing, and a browser's view."""
 
 import math
 import re
@@ -15,7 +13,7 @@ from drawn_figures import HOSTILE, yard
 from maxcon.drive.localize import DriveOptions
 from maxcon.drive.poses_table import COVARIANCES
 from maxcon.export import PoseRow
-from maxcon.lab.report.drive_page import ReportedDrive, worst_epochs, write_drive_page
+from maxcon.lab.report.drive_page import ReportedDrive, facings, worst_epochs, write_drive_page
 from maxcon.scan.trajectory import Trajectory
 from opened_pages import assert_whole
 
@@ -102,6 +100,36 @@ def test_the_worst_are_the_wrong_then_those_without_a_pose_then_the_least_sure()
     is_localized[:] = True
     assert worst_epochs(is_localized, is_wrong, levels) == [5, *range(39, 30, -1)]
     assert worst_epochs(is_localized[:2], is_wrong[:2], levels[:2]) == [1, 0]
+
+
+# --- walls by facing -----------------------------------------------------------------------------------------
+
+
+def walls(off):
+    """Points on two walls, normals at 15 and at 105 degrees from +x, the second off along that by so much; normals."""
+    rng, turn = np.random.default_rng(0), np.radians(15.0)
+    flat = np.column_stack([rng.uniform(-8.0, 8.0, 40_000), rng.uniform(0.0, 4.0, 40_000)])
+    first = np.column_stack([np.full(40_000, 10.0), flat])
+    second = np.column_stack([flat[:, 0], np.full(40_000, -6.0 + off), flat[:, 1]])
+    normals = np.repeat([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], 40_000, axis=0)
+    axes = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    return np.concatenate([first, second]) @ axes.T, normals @ axes.T
+
+
+def test_a_wall_that_is_off_is_shown_in_its_direction():
+    point_map = maxcon.PointMap.from_points(*walls(0.04))
+    points, normals = (part[::20] for part in walls(0.0))
+    pose = maxcon.Pose(1.0, 0.5, 1.8, 0.0, 0.0, 0.7)
+    scan = maxcon.Scan(pose.inverse.apply(points), normals @ pose.rotation)
+    first, second = facings([(scan, pose), (scan, pose)], point_map)
+    assert (first.first_deg, first.last_deg, second.first_deg, second.last_deg) == (0.0, 30.0, 90.0, 120.0)
+    assert min(first.n_points, second.n_points) > 800 and min(first.found, second.found) > 0.95
+    assert (first.offset, second.offset) == (pytest.approx(0.0, abs=0.004), pytest.approx(0.04, abs=0.004))
+    assert second.p95 < 0.06
+
+
+def test_no_scan_has_no_facing():
+    assert facings([], maxcon.PointMap.from_points(*walls(0.0))) == []
 
 
 @pytest.mark.browser

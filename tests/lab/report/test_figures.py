@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Every figure from one sample input with hostile titles and values that are not defined; the numbers in them."""
 
 import xml.etree.ElementTree as ElementTree
@@ -14,18 +12,10 @@ from matplotlib.figure import Figure
 import maxcon
 from drawn_figures import HOSTILE, BelowZero, assert_all_fits, parts, png_size, words, yard
 from maxcon.errors import OptionError
-from maxcon.lab.evaluation import Quantiles
+from maxcon.lab.report import paper_figures as paper
 from maxcon.lab.report.certainty_plots import ErrorRow, plot_stanford, plot_timeline
 from maxcon.lab.report.charts import percents_within, plot_error_distributions
-from maxcon.lab.report.paper_figures import (
-    MEASURES,
-    ComparisonRow,
-    plot_comparison,
-    plot_distinctness,
-    plot_kurtosis_map,
-)
 from maxcon.lab.report.prior_error import levels_of_distance, plot_prior_error, round_width
-from maxcon.lab.study import MethodStatistics
 from maxcon.plotting.score_panel import SearchSpaceView
 from study_tables import rows_of
 
@@ -44,28 +34,16 @@ def views():
     return [SearchSpaceView(accumulator, objective, HOSTILE if not n else "") for n, objective in enumerate(chosen)]
 
 
-def levels(names):
-    """Two levels: the first method right in 10 of 10 epochs, each other in one less; times by hand."""
-    none = Quantiles.of([])
-    measured = {
-        name: none for name in MethodStatistics.__annotations__ if MethodStatistics.__annotations__[name] is Quantiles
-    }
-    return {
-        f"{offset:g} m, {offset:g}°": [
-            MethodStatistics(
-                "", name, 10, 10, 10 - number, 10, number, {}, 0, 0,
-                **measured | {"ms": Quantiles.of([100.0 * number + offset])},
-            )
-            for number, name in enumerate(names)
-        ]
-        for offset in (3.0, 12.0)
-    }  # fmt: skip
+def row(prior_distance, is_success=True, **more):
+    """An epoch of a study by the distance of its prior, m."""
+    known = {"prior_distance": prior_distance, "is_success": is_success, "is_localized": True, "distance": 9.0}
+    return known | {"status": "localized", "reference_x": 0.0, "ms": 7.0} | more
 
 
 def measures(n=40):
     kurtosis = np.where(np.arange(n) % 7, 1.0 + GENERATOR.exponential(9.0, n), np.nan)
     values = (GENERATOR.random(n), kurtosis, GENERATOR.gamma(3.0, 4.0, n), np.full(n, np.nan))
-    return dict(zip(MEASURES, values, strict=True))
+    return dict(zip(paper.MEASURES, values, strict=True))
 
 
 def trajectory(n=9):
@@ -76,7 +54,7 @@ def trajectory(n=9):
 def comparison_rows(n_views=3):
     far = maxcon.Pose(-12.34, 12.34, 0.0, 0.0, 0.0, np.radians(10.0))
     scan, point_map = yard().scan, yard().point_map
-    return [ComparisonRow(HOSTILE, scan, point_map, pose, views()[:n_views]) for pose in (yard().reference, far)]
+    return [paper.ComparisonRow(HOSTILE, scan, point_map, pose, views()[:n_views]) for pose in (yard().reference, far)]
 
 
 def rows(n_epochs=40):
@@ -89,9 +67,9 @@ FIGURES = {
     "epoch": lambda path: maxcon.plot_epoch(path, **parts(), title=HOSTILE, reference=yard().reference),
     "poses": lambda path: maxcon.plot_poses(path, trajectory(), yard().point_map, prior=trajectory(2), title=HOSTILE),
     "drive": lambda path: maxcon.plot_drive(path, PLACES, ERRORS, point_map=yard().point_map, title=HOSTILE),
-    "comparison": lambda path: plot_comparison(path, comparison_rows(), title=HOSTILE),
-    "distinctness": lambda path: plot_distinctness(path, {HOSTILE: measures(), "other": measures()}, title=HOSTILE),
-    "kurtosis": lambda path: plot_kurtosis_map(
+    "comparison": lambda path: paper.plot_comparison(path, comparison_rows(), title=HOSTILE),
+    "distinctness": lambda path: paper.plot_distinctness(path, {HOSTILE: measures(), "b": measures()}, title=HOSTILE),
+    "kurtosis": lambda path: paper.plot_kurtosis_map(
         path, PLACES, (HOSTILE, 1.0 + ERRORS), ("B", 9.0 + 9.0 * ERRORS), point_map=yard().point_map, title=HOSTILE
     ),
     "distributions": lambda path: plot_error_distributions(path, METHODS),
@@ -99,7 +77,9 @@ FIGURES = {
         path, {"x": ERRORS, "y": NAN}, {"x": np.full(40, 0.1), "y": ERRORS + 0.1}, title=HOSTILE
     ),
     "timeline": lambda path: plot_timeline(path, np.arange(40.0), STATUSES, ALONG > 7.0, rows(), title=HOSTILE),
-    "prior error": lambda path: plot_prior_error(path, dict.fromkeys(["a", HOSTILE], levels(["b", HOSTILE]))),
+    "prior error": lambda path: plot_prior_error(
+        path, {HOSTILE: levels_of_distance(rows_of({name: [row(0.1), row(1.2)] for name in ("b", HOSTILE)}))}
+    ),
 }  # fmt: skip
 
 
@@ -126,20 +106,20 @@ def array(*values):
     return np.array(values, float)
 
 
-NO_MEASURES = dict.fromkeys(MEASURES, NAN)
-EQUAL_MEASURES = {name: np.full(7, float(name == "kurtosis")) for name in MEASURES}
+NO_MEASURES = dict.fromkeys(paper.MEASURES, NAN)
+EQUAL_MEASURES = {name: np.full(7, float(name == "kurtosis")) for name in paper.MEASURES}
 ODD = {
     "a drive without an answer": lambda path: maxcon.plot_drive(path, PLACES, NAN),
     "one pose": lambda path: maxcon.plot_poses(path, trajectory(1), yard().point_map),
     "errors beyond the axis": lambda path: plot_error_distributions(path, {"a": array(0.0, 0.01, 10.0, np.nan, 1e9)}),
     "no level": lambda path: plot_stanford(path, {"x": array(0.0)}, {"x": array(np.nan)}, title="T"),
     "one epoch": lambda path: plot_timeline(path, array(7), ["localized"], array(1) > 0.0, rows(1), title="T"),
-    "two equal kurtoses": lambda path: plot_kurtosis_map(
+    "two equal kurtoses": lambda path: paper.plot_kurtosis_map(
         path, PLACES[:2], ("a", array(3.0, 3.0)), ("b", array(3.0, 3.0)), point_map=None, title="T"
     ),
-    "no kurtosis": lambda path: plot_kurtosis_map(path, PLACES, ("a", NAN), ("b", NAN), point_map=None, title="T"),
-    "equal measures": lambda path: plot_distinctness(path, {"a": EQUAL_MEASURES}, title="T"),
-    "no measures": lambda path: plot_distinctness(path, {"a": NO_MEASURES}, title="T"),
+    "no kurtosis": lambda path: paper.plot_kurtosis_map(path, PLACES, ("a", NAN), ("b", NAN), point_map=None, title=""),
+    "equal measures": lambda path: paper.plot_distinctness(path, {"a": EQUAL_MEASURES}, title="T"),
+    "no measures": lambda path: paper.plot_distinctness(path, {"a": NO_MEASURES}, title="T"),
 }  # fmt: skip
 
 
@@ -150,20 +130,6 @@ def test_odd_values_are_drawn(name, tmp_path):
     assert min(png_size(tmp_path / "figure.png")) > 300
 
 
-def _certainty(n):
-    """Errors, sigmas and statuses of a drive; a tenth is withheld, and a few answers are far off."""
-    generator = np.random.default_rng(n)
-    sigmas = np.exp(generator.normal(np.log(0.01), 0.3, (3, n)))
-    errors = sigmas * generator.standard_normal((3, n))
-    errors[0, :: max(n // 3, 2)] += 3.0
-    said = ("localized", "ambiguous", "walls missing", "not confirmed", "at the rim", "unreadable scan")
-    statuses = generator.choice(said, n, p=[0.9, 0.06, 0.01, 0.01, 0.01, 0.01])
-    statuses[0] = "localized"
-    sigmas[:, statuses != "localized"] = np.nan
-    errors[:, statuses == "unreadable scan"] = np.nan
-    return errors, sigmas, statuses
-
-
 @pytest.fixture
 def drawn(monkeypatch):
     """The figures that were saved, as they were drawn."""
@@ -172,14 +138,19 @@ def drawn(monkeypatch):
     return figures
 
 
+SAID = ("localized", "ambiguous", "walls missing", "not confirmed", "at the rim", "unreadable scan")
+
+
 @pytest.mark.parametrize("n_epochs", [1, 1001])
 def test_nothing_is_cut_off_in_figures_of_certainty(n_epochs, tmp_path, drawn):
-    errors, sigmas, statuses = _certainty(n_epochs)
-    by_errors, by_levels = dict(along=errors[0], across=errors[1]), dict(along=3.0 * sigmas[0], across=40.0 * sigmas[1])
-    plot_stanford(tmp_path / "stanford.png", by_errors, by_levels, title="Protection level against true error")
-    levels = ErrorRow("along", "cm", 100.0 * errors[0], 100.0 * sigmas[0], 300.0 * sigmas[0])
-    wrong, epochs = np.abs(errors[0]) > 0.3, np.arange(float(n_epochs))
-    plot_timeline(tmp_path / "timeline.svg", epochs, list(statuses), wrong, [levels], title="A drive")
+    errors = 0.01 * np.random.default_rng(n_epochs).standard_normal(n_epochs)
+    errors[:: max(n_epochs // 3, 2)] += 3.0  # a few are far off
+    levels = {"along": np.full(n_epochs, 0.03), "across": np.full(n_epochs, 0.4)}
+    title = "Protection level against true error"
+    plot_stanford(tmp_path / "stanford.png", dict.fromkeys(levels, errors), levels, title=title)
+    row = ErrorRow("along", "cm", 100.0 * errors, np.ones(n_epochs), np.full(n_epochs, 3.0))
+    statuses, epochs = [SAID[number % 6] for number in range(n_epochs)], np.arange(float(n_epochs))
+    plot_timeline(tmp_path / "timeline.svg", epochs, statuses, np.abs(errors) > 0.3, [row], title="A drive")
     assert (tmp_path / "timeline.svg").stat().st_size < 1_000_000  # many epochs are drawn as pixels
     for figure in drawn:
         assert_all_fits(figure, panels_apart=False)
@@ -189,7 +160,7 @@ def test_nothing_is_cut_off_in_figures_of_certainty(n_epochs, tmp_path, drawn):
 def test_nothing_is_cut_off_in_a_comparison(n_shown, tmp_path, drawn):
     named = [replace(view, title=view.title and "Count, every map point") for view in views()[:n_shown]]
     shown = [row._replace(label="street, epoch 1234", views=named) for row in comparison_rows()]
-    plot_comparison(tmp_path / "a.png", shown, title="Count beside Helmert's score, from the reference")
+    paper.plot_comparison(tmp_path / "a.png", shown, title="Count beside Helmert's score, from the reference")
     for figure in drawn:
         assert_all_fits(figure)
 
@@ -210,30 +181,20 @@ def test_bins_are_of_round_width(farthest, expected):
     assert round_width(farthest) == expected
 
 
-def told(path, draw):
-    """What a figure says."""
-    draw(path / "plot.svg")
-    return words(path / "plot.svg")
-
-
 def test_errors_are_counted(tmp_path):
     errors = {"Count": array(0.1, 0.5, np.nan, np.nan), "Helmert": array(0.1, 0.2, 0.3, 0.36)}
-    written = told(tmp_path, lambda path: plot_error_distributions(path, errors))
+    plot_error_distributions(tmp_path / "plot.svg", errors)
+    written = words(tmp_path / "plot.svg")
     assert {"Count: 25.0 %, 2 without an answer", "Helmert: 75.0 %"} <= set(written)
     assert "Epochs: 4, those without an answer too. Dashed: success, 0.3 m. Below: shares within it." in written
 
 
 def test_epochs_are_binned_by_the_distance_of_their_prior(tmp_path):
     """Bins hold their lower edges; what was not tried, or has no prior, is in none."""
-
-    def row(distance, is_success, **more):
-        known = {"prior_distance": distance, "is_success": is_success, "is_localized": True, "distance": 9.0}
-        return known | {"status": "localized", "reference_x": 0.0, "ms": 7.0} | more
-
+    not_tried = row(0.3, status="unreadable scan")
     rows = rows_of({
-        "count": [row(0.1, False), row(0.5, True), row(1.2, False)],
-        "helmert": [row(0.1, True), row(0.2, True), row(1.2, True), row(0.3, True, status="unreadable scan"),
-                    row(None, True)],
+        "count": [row(0.1, False), row(0.5), row(1.2, False)],
+        "helmert": [row(0.1), row(0.2), row(1.2), not_tried, row(None)],
     })  # fmt: skip
     found = levels_of_distance({"Count": rows["count"], "Helmert": rows["helmert"]})
     counted = {name: [(one.method, one.n_success, one.n_epochs) for one in level] for name, level in found.items()}
@@ -242,15 +203,17 @@ def test_epochs_are_binned_by_the_distance_of_their_prior(tmp_path):
         "1 m, 1 epoch": [("Count", 1, 1)],
         "1.5 m, 1 epoch": [("Count", 0, 1), ("Helmert", 1, 1)],
     }
-    written = told(tmp_path, lambda path: plot_prior_error(path, {"prior “gnss”": found}))
-    assert {"prior “gnss”", "Count: 7 ms", "0.5 m", "1–2 epochs"} <= set(" ".join(written).split("\n")) | set(written)
+    plot_prior_error(tmp_path / "plot.svg", {"prior “gnss”": found})
+    written = [line for text in words(tmp_path / "plot.svg") for line in text.split("\n")]
+    assert {"prior “gnss”", "Count: 7 ms", "0.5 m", "1–2 epochs", "median [ms]"} <= set(written)
     assert levels_of_distance({"Count": rows["count"].where(np.zeros(3, bool))}) == {}
 
 
 def test_levels_are_counted(tmp_path):
     errors = {"along": array(0.05, -0.1, 0.2, -0.5, 0.1, 0.9, 3.0, np.nan), "none": array(0.1)}
     levels = {"along": array(0.10, 0.10, 0.1, 0.10, 0.4, 0.4, np.nan, np.nan), "none": array(np.nan)}
-    written = told(tmp_path, lambda path: plot_stanford(path, errors, levels, title="T"))
+    plot_stanford(tmp_path / "plot.svg", errors, levels, title="T")
+    written = words(tmp_path / "plot.svg")
     at = written.index("nominal")
     assert written[at : at + 8] == ["nominal", "2", "misleading", "1", "hazardous", "1", "unavailable", "4"]
     assert any("Alert limit: 0.29 m." in each for each in written)
@@ -259,29 +222,16 @@ def test_levels_are_counted(tmp_path):
     assert "No epoch has a level within the alert limit:" in written
 
 
-def error_row(errors, sigmas, levels):
-    return ErrorRow("along", "cm", *(np.array(values, float) for values in (errors, sigmas, levels)))
-
-
-GROSS = error_row([1.0, -2.0, 300.0, np.nan], [1.0, 1.0, 1.0, np.nan], [3.0, 3.0, 3.0, np.nan])
-
-
 def test_statuses_and_wrong_answers_are_counted(tmp_path):
-    statuses, wrong = ["localized", "localized", "localized", "no match"], array(0, 0, 1, 1) > 0.0
-    written = told(tmp_path, lambda path: plot_timeline(path, np.arange(4.0), statuses, wrong, [GROSS], title="T"))
+    path, statuses, wrong = tmp_path / "plot.svg", ["localized"] * 3 + ["no match"], array(0, 0, 1, 1) > 0.0
+    row = ErrorRow("along", "cm", array(1, -2, 300, np.nan), array(1, 1, 1, np.nan), array(3, 3, 3, np.nan))
+    plot_timeline(path, np.arange(4.0), statuses, wrong, [row], title="T")
+    written = words(path)
     labels = {"localized: 3", "no match: 1", "trusted and wrong: 1", "±2 predicted sigmas", "protection level"}
     assert labels <= set(written)
     assert any("4 epochs. Trusted and wrong: 1 (0.3 m and 1°)." in each for each in written)
-    row = error_row([1.0, -2.0], [np.nan] * 2, [np.nan] * 2)  # of a method that predicts nothing
-    right = array(0, 0) > 0.0
-    written = told(tmp_path, lambda path: plot_timeline(path, array(0, 50), ["localized"] * 2, right, [row], title="T"))
-    assert any("No trusted answer is wrong" in each and "predicts no errors" in each for each in (" ".join(written),))
+    row = ErrorRow("along", "cm", array(1, -2), NAN[:2], NAN[:2])  # of a method that predicts nothing
+    plot_timeline(path, array(0, 50), statuses[:2], wrong[:2], [row], title="T")
+    written = words(path)
+    assert "No trusted answer is wrong" in " ".join(written) and "predicts no errors" in " ".join(written)
     assert not {"±2 predicted sigmas", "protection level"} & set(written)
-
-
-def test_drives_methods_levels_and_times_are_named(tmp_path):
-    found = levels(("maxcon", "count 1 m, then GICP", "my method"))
-    written = " ".join(told(tmp_path, lambda path: plot_prior_error(path, {"one drive": found, "a $second$": found})))
-    assert "one drive" in written and "a $second$" in written
-    for label in ("maxcon: 12 ms", "count 1 m, then GICP: 110 ms", "my method: 210 ms", "12 m", "12°", "median [ms]"):
-        assert label in written

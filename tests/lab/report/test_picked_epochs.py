@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 from maxcon._system.resumable import describe
 from maxcon.lab.report.study_scenes import pick_epochs, space_of
 from maxcon.search.space import SearchSpace

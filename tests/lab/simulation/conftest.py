@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """One small world and one small dataset, the two campaigns, and a piece of a suburb, built once."""
 
 import pytest

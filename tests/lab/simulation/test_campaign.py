@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The campaign before it is written: rounds, epochs, priors, and what changed between the days."""
 
 from dataclasses import replace

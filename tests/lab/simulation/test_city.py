@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Streets and cities: seeded, turned, with every class; facades that repeat; cars and items that change."""
 
 import numpy as np

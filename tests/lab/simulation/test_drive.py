@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Lines through a grid of streets, speeds, waits and poses along them, and the errors with which poses are measured."""
 
 import math

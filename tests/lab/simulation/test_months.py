@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Months between map and scans: none with a share of 0, the same with a seed, every kind of change, more and more."""
 
 from dataclasses import replace

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What scanners measure, held against the triangles they hit; their layouts; scans from a vehicle that moves."""
 
 from dataclasses import replace

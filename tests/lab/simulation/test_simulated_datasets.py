@@ -1,8 +1,7 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Datasets on disk: readable, whole or absent, the same for the same seed, and true; `maxcon simulate`."""
 
 from dataclasses import replace
+from unittest.mock import ANY, Mock
 
 import laspy
 import numpy as np
@@ -190,14 +189,19 @@ def test_a_hard_campaign_says_so_and_is_overwritten_if_asked(tmp_path):
     simulate_campaign(tmp_path / "out", **options, overwrite=True)
 
 
+def _localized(dataset, folder, numbers, prior, method):
+    """Prior, answer and reference of epochs, in the frame of the map that is built in a folder."""
+    build_map(dataset.map_clouds, folder / "built.map", dataset.map_options())
+    point_map = PointMap.open(folder / "built.map")
+    for number in numbers:
+        poses = (read_trajectory(path).pose(number) for path in (dataset.priors[prior], dataset.reference))
+        start, wanted = map(point_map.frame.pose_to_local, poses)
+        yield start, method.localize(Scan(_scan(dataset, number)[:, :3]), point_map, start), wanted
+
+
 def test_an_epoch_of_the_suburb_is_localized(suburb_dataset, tmp_path):
-    build_map(suburb_dataset.map_clouds, tmp_path / "suburb.map", suburb_dataset.map_options())
-    point_map = PointMap.open(tmp_path / "suburb.map")
-    paths = suburb_dataset.priors["uniform"], suburb_dataset.reference
-    origin = -np.asarray(point_map.frame.origin)
-    prior, wanted = (read_trajectory(path).pose(1).translated(origin) for path in paths)
-    scan = Scan(_scan(suburb_dataset, 1)[:, :3])
-    estimate = MaximumConsensus(SearchSpace.paper()).localize(scan, point_map, prior)
+    method = MaximumConsensus(SearchSpace.paper())
+    ((_, estimate, wanted),) = _localized(suburb_dataset, tmp_path, [1], "uniform", method)
     assert np.hypot(estimate.pose.x - wanted.x, estimate.pose.y - wanted.y) < 0.15
 
 
@@ -209,15 +213,9 @@ def test_a_walk_is_the_same_for_the_same_seed_and_is_localized_from_level_priors
     np.testing.assert_array_equal(_scan(dataset, 1), _scan(again, 1))
     assert dataset.prior.read_bytes() == again.prior.read_bytes()
     assert list(dataset.priors) == ["level"]
-    build_map(dataset.map_clouds, tmp_path / "city.map", dataset.map_options())
-    point_map = PointMap.open(tmp_path / "city.map")
-    origin = -np.asarray(point_map.frame.origin)
     answers = []
-    for number in range(3):
-        paths = dataset.prior, dataset.reference
-        prior, wanted = (read_trajectory(path).pose(number).translated(origin) for path in paths)
+    for prior, estimate, wanted in _localized(dataset, tmp_path, range(3), "level", MaximumConsensus(widest=0.0)):
         assert (prior.roll, prior.pitch) == pytest.approx((0.0, 0.0), abs=1e-9)
-        estimate = MaximumConsensus().localize(Scan(_scan(dataset, number)[:, :3]), point_map, prior)
         answers.append((estimate.is_localized, np.abs(estimate.pose.less(wanted)).max() < 0.05))
     assert answers == [(True, True), (True, True), (False, False)]  # tilted by 13, 17 and 22 degrees
 
@@ -242,44 +240,26 @@ def test_wrong_options_are_refused(tmp_path, make, wrong, words):
 
 
 PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
+OF_CITY = ["map clouds", "mapping", "map sigma", "scans", "reference", "prior"]
+HARD = "--campaign --hard --epochs 200 --every 0.5 --seed 4 --scanner os1-64"
+AS_HARD = {"n_epochs": 200, "every": 0.5, "is_hard": True, "seed": 4, "scanner": ScannerLayout.OS1_64.scanner()}
+SUBURB = {"n_epochs": 200, "scanner": ScannerLayout.VLP_32C.scanner(), "overwrite": True}
 
 
 @pytest.mark.parametrize(
     ("name", "dataset_name", "options", "asked", "parts"),
     [
-        (
-            "simulate",
-            "dataset",
-            ("--changed", "0.3"),
-            {"n_epochs": 40, "carrier": "car", "changed": 0.3},
-            ["map clouds", "mapping", "map sigma", *PARTS[2:4], "prior"],
-        ),
-        (
-            "simulate_campaign",
-            "campaign_dataset",
-            ("--campaign", "--hard", "--epochs", "200", "--every", "0.5", "--seed", "4", "--scanner", "os1-64"),
-            {"n_epochs": 200, "every": 0.5, "is_hard": True, "seed": 4, "scanner": ScannerLayout.OS1_64.scanner()},
-            [*PARTS, "odometry"],
-        ),
-        (
-            "simulate_suburb",
-            "suburb_dataset",
-            ("--scene", "suburb", "--scanner", "vlp-32c", "--overwrite"),
-            {"n_epochs": 200, "scanner": ScannerLayout.VLP_32C.scanner(), "overwrite": True},
-            PARTS,
-        ),
+        ("simulate", "dataset", "--changed 0.3", {"n_epochs": 40, "carrier": "car", "changed": 0.3}, OF_CITY),
+        ("simulate_campaign", "campaign_dataset", HARD, AS_HARD, [*PARTS, "odometry"]),
+        ("simulate_suburb", "suburb_dataset", "--scene suburb --scanner vlp-32c --overwrite", SUBURB, PARTS),
     ],
 )
-def test_options_are_passed_on_and_the_parts_are_said(
-    request, monkeypatch, tmp_path, name, dataset_name, options, asked, parts
-):
-    dataset, calls = request.getfixturevalue(dataset_name), []
-    monkeypatch.setattr(simulation, name, lambda out, **given: calls.append((out, given)) or dataset)
-    first, *lines = run("simulate", tmp_path / "out", *options).splitlines()
-    ((out, given),) = calls
-    del given["progress"]
-    assert out == tmp_path / "out"
-    assert given == {"seed": 0, "overwrite": False, **asked}
+def test_options_go_on_and_parts_are_said(request, monkeypatch, tmp_path, name, dataset_name, options, asked, parts):
+    dataset = request.getfixturevalue(dataset_name)
+    simulate_it = Mock(return_value=dataset)
+    monkeypatch.setattr(simulation, name, simulate_it)
+    first, *lines = run("simulate", tmp_path / "out", *options.split()).splitlines()
+    simulate_it.assert_called_once_with(tmp_path / "out", progress=ANY, **{"seed": 0, "overwrite": False} | asked)
     assert first == str(dataset.folder)
     assert [line[:13].strip() for line in lines] == parts
     assert all(f" {dataset.folder}/" in line for line in lines if not line.startswith("map sigma"))

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A road that winds and climbs, what is laid on it, and a piece of a suburb on two days."""
 
 import numpy as np

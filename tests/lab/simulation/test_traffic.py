@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Road users: what rays meet, where they stand, and how much of a scan they hide."""
 
 import numpy as np

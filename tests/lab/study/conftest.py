@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A small simulated drive, and what a study made of it, once for all tests."""
 
 import shutil

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Levels of a prior's error, priors drawn at them, the statistics of a table by level, and the benchmark's table."""
 
 import importlib
@@ -12,16 +10,8 @@ import pytest
 from maxcon import MaximumConsensus, Pose
 from maxcon.errors import OptionError
 from maxcon.lab.baselines import CountThenGicp, MultiStart
+from maxcon.lab.study import prior_trials
 from maxcon.lab.study.methods import MAP_VARIANTS
-from maxcon.lab.study.prior_trials import (
-    COUNT_THEN_GICP,
-    GICP_FROM_MANY,
-    MAXCON,
-    methods_at,
-    prior_at,
-    prior_level,
-    statistics_by_level,
-)
 from study_tables import study_table
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
@@ -37,11 +27,11 @@ ROWS = [
     row("maxcon", 2, good=False, distance=0.2, ms=40.0), row("a", 0, good=False, right=False, distance=3.0, ms=1.0),
     row("maxcon", 0, "3 m, 2°", distance=0.05, ms=7.0),
 ]  # fmt: skip
-LEVELS = [prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0)]
+LEVELS = [prior_trials.prior_level(3.0, 2.0), prior_trials.prior_level(6.0, 5.0), prior_trials.prior_level(12.0, 10.0)]
 
 
 def test_statistics_by_hand_in_the_order_of_levels_and_methods():
-    found = statistics_by_level(study_table(ROWS), LEVELS)
+    found = prior_trials.statistics_by_level(study_table(ROWS), LEVELS)
     assert {level: [one.method for one in of_level] for level, of_level in found.items()} == {
         "3 m, 2°": ["maxcon"],
         "12 m, 10°": ["maxcon", "a"],
@@ -78,13 +68,13 @@ def test_a_folder_of_other_trials_is_refused(benchmark_module, tmp_path):
         benchmark_module.check_same(tmp_path, benchmark_module.settings_of([level("1:1")], 1))
 
 
-NEAR = prior_level(3.0, 2.0)
+NEAR = prior_trials.prior_level(3.0, 2.0)
 REFERENCE = Pose(100.0, -50.0, 2.0, 0.01, -0.02, 1.0)
 
 
 def test_priors_are_within_their_level_and_only_in_x_y_and_heading():
-    level = prior_level(12.0, 10.0)
-    priors = [prior_at(REFERENCE, level, 0, epoch) for epoch in range(400)]
+    level = prior_trials.prior_level(12.0, 10.0)
+    priors = [prior_trials.prior_at(REFERENCE, level, 0, epoch) for epoch in range(400)]
     dx = [prior.x - REFERENCE.x for prior in priors]
     turns = [math.degrees(prior.heading - REFERENCE.heading) for prior in priors]
     assert -12.0 <= min(dx) < -11.0 and 11.0 < max(dx) <= 12.0
@@ -93,26 +83,26 @@ def test_priors_are_within_their_level_and_only_in_x_y_and_heading():
 
 
 def test_a_prior_depends_on_nothing_but_seed_epoch_and_level():
-    first = prior_at(REFERENCE, NEAR, 0, 7)
-    prior_at(REFERENCE, prior_level(6.0, 5.0), 0, 3)
-    assert prior_at(REFERENCE, NEAR, 0, 7) == first
+    first = prior_trials.prior_at(REFERENCE, NEAR, 0, 7)
+    prior_trials.prior_at(REFERENCE, prior_trials.prior_level(6.0, 5.0), 0, 3)
+    assert prior_trials.prior_at(REFERENCE, NEAR, 0, 7) == first
     others = [
-        prior_at(REFERENCE, NEAR, 1, 7),
-        prior_at(REFERENCE, NEAR, 0, 8),
-        prior_at(REFERENCE, prior_level(3.0, 2.5), 0, 7),
+        prior_trials.prior_at(REFERENCE, NEAR, 1, 7),
+        prior_trials.prior_at(REFERENCE, NEAR, 0, 8),
+        prior_trials.prior_at(REFERENCE, prior_trials.prior_level(3.0, 2.5), 0, 7),
     ]
     assert len({first, *others}) == 4
 
 
 def test_methods_are_told_the_level():
-    level = prior_level(6.0, 5.0)
-    found = {method.name: method for method in methods_at(level)}
-    assert next(iter(found)) == MAXCON
-    space = found[MAXCON].method.space
-    assert found[MAXCON].method == MaximumConsensus(space) and space.is_open
+    level = prior_trials.prior_level(6.0, 5.0)
+    found = {method.name: method for method in prior_trials.methods_at(level)}
+    assert next(iter(found)) == prior_trials.MAXCON
+    space = found[prior_trials.MAXCON].method.space
+    assert found[prior_trials.MAXCON].method == MaximumConsensus(space) and space.is_open
     assert (space.half_width, space.heading_half_width_deg) == (6.0, 5.0)
     assert {method.map_name for method in found.values()} == {"standard", "ground"} <= set(MAP_VARIANTS)
-    many, count = found[GICP_FROM_MANY].method, found[COUNT_THEN_GICP].method
+    many, count = found[prior_trials.GICP_FROM_MANY].method, found[prior_trials.COUNT_THEN_GICP].method
     assert isinstance(many, MultiStart) and isinstance(count, CountThenGicp)
     starts = many.starts(REFERENCE)
     assert len(starts) == 75
@@ -120,5 +110,5 @@ def test_methods_are_told_the_level():
     turn = math.degrees(max(start.heading for start in starts) - REFERENCE.heading)
     assert turn == pytest.approx(5.0 - many.heading_spacing_deg / 2)
     assert (count.half_width, count.heading_half_width_deg) == (6.0, 5.0)
-    names = [method.name for method in methods_at(level, gates=(1.0, 6.0))]
+    names = [method.name for method in prior_trials.methods_at(level, gates=(1.0, 6.0))]
     assert names[3:] == ["GICP, gate 1 m", "GICP, gate 6 m", "ICP, gate 1 m"]

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A study answers as its methods do, goes on where it stopped, and outlives bad epochs."""
 
 from dataclasses import dataclass, replace

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Methods by name, what is saved of them, and the numbers a study sums up to."""
 
 import pickle
@@ -9,17 +7,7 @@ import pytest
 
 from maxcon._system.resumable import describe
 from maxcon.errors import OptionError
-from maxcon.lab.study import (
-    DEFAULT_SETS,
-    METHOD_SETS,
-    StudyMethod,
-    choose_methods,
-    installed_methods,
-    known_methods,
-    refined_words,
-    rows_by_method,
-    statistics,
-)
+from maxcon.lab import study
 from maxcon.lab.study.methods import CELL, MAP_VARIANTS
 from maxcon.localizer import MaximumConsensus
 from maxcon.search.objectives import Count
@@ -27,49 +15,45 @@ from maxcon.search.space import SearchSpace
 from study_tables import study_table
 
 
-def test_every_set_is_of_known_methods_in_the_cells_of_their_maps():
-    known = known_methods(SearchSpace.paper())
-    assert {name for names in METHOD_SETS.values() for name in names} <= set(known)
+def test_every_set_is_of_known_methods_in_the_cells_of_their_maps_that_travel_to_other_processes():
+    known = study.known_methods(SearchSpace.paper())
+    assert {name for names in study.METHOD_SETS.values() for name in names} <= set(known)
     for method in known.values():
+        assert describe(pickle.loads(pickle.dumps(method))) == describe(method)
         space, cell = getattr(method.method, "space", None), MAP_VARIANTS[method.map_name].get("cell", CELL)
         if space is not None and not space.is_open:
             assert space.cell == cell
             assert 3.0 <= space.half_width < 3.0 + cell
 
 
-def test_methods_travel_to_other_processes():
-    for method in known_methods(SearchSpace.paper()).values():
-        assert describe(pickle.loads(pickle.dumps(method))) == describe(method)
-
-
 def test_names_and_sets_mix():
-    chosen = choose_methods(["helmert-occupied", "weights"], SearchSpace.paper())
+    chosen = study.choose_methods(["helmert-occupied", "weights"], SearchSpace.paper())
     assert [method.name for method in chosen] == [
         "helmert-occupied", "helmert-points", "helmert-points-unweighted", "helmert-occupied-published",
         "helmert-occupied-unweighted",
     ]  # fmt: skip
     with pytest.raises(OptionError, match=r"got 'helmet'\. Did you mean"):
-        choose_methods(["helmet"], SearchSpace.paper())
+        study.choose_methods(["helmet"], SearchSpace.paper())
     with pytest.raises(OptionError, match="at least one method"):
-        choose_methods([], SearchSpace.paper())
+        study.choose_methods([], SearchSpace.paper())
 
 
 def test_methods_that_adjust_the_pose_are_named_beside_best_cells():
     space = SearchSpace.paper()
-    mine = choose_methods(["mine"], space, {"mine": Count()})
+    mine = study.choose_methods(["mine"], space, {"mine": Count()})
     assert [method.name for method in mine][:2] == ["mine-occupied", "count-occupied"]
 
     def words(*methods):
-        return refined_words({method.name: {"method": describe(method.method)} for method in methods})
+        return study.refined_words({method.name: {"method": describe(method.method)} for method in methods})
 
-    own = StudyMethod("own", MaximumConsensus(space, objective=Count()))
-    maxcon, baseline = choose_methods(["maxcon", "icp-plane-1m"], space)
+    own = study.StudyMethod("own", MaximumConsensus(space, objective=Count()))
+    maxcon, baseline = study.choose_methods(["maxcon", "icp-plane-1m"], space)
     assert words(*mine, maxcon, baseline) == words(own, maxcon, baseline) == ""
     assert words(*mine, own).startswith("own: adjusted to the map's surfaces")
 
 
 def test_a_description_tells_methods_apart():
-    known = known_methods(SearchSpace.paper())
+    known = study.known_methods(SearchSpace.paper())
     assert describe(known["helmert-points"].method)["objective"] == {"class": "Helmert"}
     assert describe(known["helmert-points"].method)["multiplicity"] == "points"
     assert describe(known["icp-plane-1m"].method)["gate"] == 1.0
@@ -108,7 +92,7 @@ def test_statistics_by_hand():
         a_row(3, "unreadable scan", reason="gone"),
         a_row(0, method="other"),
     ]  # fmt: skip
-    found = {rows.method: statistics(rows) for rows in rows_by_method(study_table(rows), ("other", "mine"))}
+    found = {rows.method: study.statistics(rows) for rows in study.rows_by_method(study_table(rows), ("other", "mine"))}
     assert list(found) == ["other", "mine"]
     mine = found["mine"]
     assert (mine.n_epochs, mine.n_success, mine.n_localized, mine.n_false) == (4, 2, 2, 1)
@@ -121,9 +105,9 @@ def test_statistics_by_hand():
 
 
 def test_what_is_not_installed_is_left_out_and_named(monkeypatch):
-    chosen = choose_methods(DEFAULT_SETS, SearchSpace.paper())
-    assert installed_methods(chosen) == (chosen, [])
+    chosen = study.choose_methods(study.DEFAULT_SETS, SearchSpace.paper())
+    assert study.installed_methods(chosen) == (chosen, [])
     monkeypatch.setitem(sys.modules, "small_gicp", None)
-    kept, missing = installed_methods(chosen)
+    kept, missing = study.installed_methods(chosen)
     assert missing == ["gicp-1m", "gicp-3m", "count-1m-then-gicp"]
     assert [method.name for method in kept] == [method.name for method in chosen if method.name not in missing]

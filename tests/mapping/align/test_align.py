@@ -8,6 +8,7 @@ import shutil
 import laspy
 import numpy as np
 import pytest
+from displaced_planes import CORNER, ORIGIN, moved, points_on
 
 from maxcon.errors import CrsError, FileError, MapError, OptionError
 from maxcon.io.trajectories import read_trajectory, write_tum
@@ -16,7 +17,6 @@ from maxcon.mapping.build.point_statistics import UNKNOWN_SIGMA, aligned_sigma
 from maxcon.scan.trajectory import Trajectory
 from written_maps import run
 
-ORIGIN = np.array([550_000.0, 5_802_000.0, 60.0])
 COMMAND = ("map", "align")
 PRIOR = {"georeference_sigma": 0.1, "georeference_sigma_deg": 0.2}
 
@@ -38,7 +38,7 @@ def aligned(three_passes, tmp_path_factory):
     return found, folder / "out", trajectory
 
 
-def test_passes_come_together(three_passes, aligned, scene):
+def test_passes_come_together(three_passes, aligned):
     found, _out, _ = aligned
     assert found.adjusted.drift_sigma == 0.0
     assert found.sigma_before > 0.03
@@ -46,10 +46,10 @@ def test_passes_come_together(three_passes, aligned, scene):
     assert found.sigma_of_map == pytest.approx(found.sigma_of_pass / np.sqrt(3))
     assert 0.05 < found.sigma_of_datum < 0.075
     _, twists = three_passes
-    corners = scene.origin + [[-9.0, 5.0, 1.0], [6.0, 5.0, 3.0], [6.0, -9.0, 1.0]]
+    corners = ORIGIN + [[-9.0, 5.0, 1.0], [6.0, 5.0, 3.0], [6.0, -9.0, 1.0]]
     ends = []
     for number, twist in enumerate(twists):
-        displaced = scene.moved(corners - scene.origin, twist) + scene.origin
+        displaced = moved(corners - ORIGIN, twist) + ORIGIN
         times = np.full(3, 300_004.0 + 100.0 * number)
         ends.append(found.adjusted.corrections.moved(displaced, times, np.full(3, number)))
     ends = np.array(ends)
@@ -126,8 +126,8 @@ def test_only_the_files_of_an_alignment_are_replaced(three_passes, aligned, tmp_
             align_files(clouds, out, overwrite=True)
 
 
-def test_what_cannot_be_matched_is_told(tmp_path, write_las, scene):
-    here, there = (scene.points_on(scene.corner, 60, 0.01, np.random.default_rng(0)) for _ in range(2))
+def test_what_cannot_be_matched_is_told(tmp_path, write_las):
+    here, there = (points_on(CORNER, 60, 0.01, np.random.default_rng(0)) for _ in range(2))
     times = np.linspace(0.0, 8.0, len(here))
     one = write_las(tmp_path / "a.laz", here, times)
     other = write_las(tmp_path / "b.laz", there + [500.0, 0.0, 0.0], times + 100.0)
@@ -137,9 +137,9 @@ def test_what_cannot_be_matched_is_told(tmp_path, write_las, scene):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.laz", "b.laz"]
 
 
-def test_a_pass_elsewhere_stays_and_is_told(tmp_path, write_las, scene):
+def test_a_pass_elsewhere_stays_and_is_told(tmp_path, write_las):
     rng = np.random.default_rng(0)
-    passes = [scene.points_on(scene.corner, 60, 0.01, rng) for _ in range(3)]
+    passes = [points_on(CORNER, 60, 0.01, rng) for _ in range(3)]
     times = np.linspace(0.0, 8.0, len(passes[0]))
     passes[1] += [0.08, 0.03, 0.0]
     passes[2] += [500.0, 0.0, 0.0]
@@ -159,7 +159,7 @@ def test_a_pass_elsewhere_stays_and_is_told(tmp_path, write_las, scene):
     np.testing.assert_allclose(gap - was, [-0.08, -0.03, 0.0], atol=0.006)
 
 
-def test_what_cannot_be_is_refused(three_passes, tmp_path, write_las, scene):
+def test_what_cannot_be_is_refused(three_passes, tmp_path, write_las):
     clouds, _ = three_passes
     for wrong in ({"pause": 0.0}, {"georeference_sigma": -1.0}, {"drift_sigma": np.nan}, {"knot_spacing": 0.1}):
         with pytest.raises(OptionError):
@@ -172,8 +172,8 @@ def test_what_cannot_be_is_refused(three_passes, tmp_path, write_las, scene):
         align_files([clouds[0], twin], tmp_path / "out")
 
 
-def test_passes_at_the_same_time_have_no_trajectory(tmp_path, write_las, scene):
-    points = [scene.points_on(scene.corner, 40, 0.01, np.random.default_rng(seed)) for seed in range(2)]
+def test_passes_at_the_same_time_have_no_trajectory(tmp_path, write_las):
+    points = [points_on(CORNER, 40, 0.01, np.random.default_rng(seed)) for seed in range(2)]
     clouds = [write_las(tmp_path / f"{i}.laz", each, np.linspace(0.0, 8.0, len(each))) for i, each in enumerate(points)]
     trajectory = tmp_path / "t.txt"
     trajectory.write_text("0 0 0 0 0 0 0 1\n8 0 0 0 0 0 0 1\n")

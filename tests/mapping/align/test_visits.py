@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from displaced_planes import CORNER, CORRIDOR, ORIGIN, moved, points_on
 
 from maxcon.mapping.align.passes import Corrections, Pass, Passes
 from maxcon.mapping.align.visits import PLACE_EDGE, PLACE_POINT, Places, Visit, match_visits, visits_of
@@ -24,19 +25,19 @@ def no_corrections(n_passes):
     return Corrections.none(Passes("time", tuple(passes), np.zeros(n_passes, np.int64)), 10.0)
 
 
-def constraint_between(scene, planes, twist, seed):
+def constraint_between(planes, twist, seed):
     rng = np.random.default_rng(seed)
-    first, second = (scene.points_on(planes, 120, 0.01, rng) for _ in range(2))
-    visits = visits_of(records_of([first, scene.moved(second, twist)]))
+    first, second = (points_on(planes, 120, 0.01, rng) for _ in range(2))
+    visits = visits_of(records_of([first, moved(second, twist)]))
     (constraint,) = match_visits(np.zeros(3), visits, no_corrections(2))
     return constraint
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_known_displacement_is_found(scene, seed):
+def test_a_known_displacement_is_found(seed):
     rng = np.random.default_rng([seed, 1])
     twist = np.concatenate([rng.normal(0.0, 0.1, 3), rng.normal(0.0, np.radians(0.1), 3)])
-    constraint = constraint_between(scene, scene.corner, twist, seed)
+    constraint = constraint_between(CORNER, twist, seed)
     assert constraint.fault == ""
     # the pose undoes the displacement: x -> R' (x - t)
     error = np.concatenate([constraint.pose.position + twist[:3], constraint.pose.values[3:] + twist[3:]])
@@ -47,32 +48,32 @@ def test_a_known_displacement_is_found(scene, seed):
     assert (sigmas[:3] < 0.005).all()
 
 
-def test_a_corridor_leaves_open_what_lies_along_it_and_other_places_are_no_ties(scene):
-    constraint = constraint_between(scene, scene.corridor, np.array([0.1, -0.07, 0.05, 0.0, 0.0, 0.001]), 0)
+def test_a_corridor_leaves_open_what_lies_along_it_and_other_places_are_no_ties():
+    constraint = constraint_between(CORRIDOR, np.array([0.1, -0.07, 0.05, 0.0, 0.0, 0.001]), 0)
     assert constraint.fault == ""
     assert np.sqrt(constraint.covariance[0, 0]) > 0.9
     assert np.sqrt(constraint.covariance[1, 1]) < 0.005
     assert constraint.pose.y == pytest.approx(0.07, abs=0.004)
     rng = np.random.default_rng(0)
-    here = scene.points_on(scene.corner[:1], 120, 0.01, rng)
-    there = scene.points_on(scene.corner[1:], 120, 0.01, rng) - [0.0, 2.0, -4.0]
+    here = points_on(CORNER[:1], 120, 0.01, rng)
+    there = points_on(CORNER[1:], 120, 0.01, rng) - [0.0, 2.0, -4.0]
     (constraint,) = match_visits(np.zeros(3), visits_of(records_of([here, there])), no_corrections(2))
     assert "too few points" in constraint.fault
 
 
-def test_what_moved_meanwhile_does_not_pull(scene):
+def test_what_moved_meanwhile_does_not_pull():
     rng = np.random.default_rng(0)
-    first, second = (scene.points_on(scene.corner, 120, 0.01, rng) for _ in range(2))
+    first, second = (points_on(CORNER, 120, 0.01, rng) for _ in range(2))
     car = (((0.0, 2.0, 1.2), (4.0, 0.0, 0.0), (0.0, 1.8, 0.0)), ((0.0, 2.0, 0.2), (4.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
-    parked = scene.points_on(car, 400, 0.01, rng)
+    parked = points_on(car, 400, 0.01, rng)
     parts = [np.concatenate([first, parked]), np.concatenate([second, parked + [0.3, 0.12, 0.05]])]
     (constraint,) = match_visits(np.zeros(3), visits_of(records_of(parts)), no_corrections(2))
     assert np.abs(constraint.pose.position).max() < 0.004
 
 
-def test_pairs_of_many_visits_say_no_more_than_there_is(scene):
+def test_pairs_of_many_visits_say_no_more_than_there_is():
     rng = np.random.default_rng(0)
-    parts = [scene.points_on(scene.corner, 60, 0.01, rng) for _ in range(5)]
+    parts = [points_on(CORNER, 60, 0.01, rng) for _ in range(5)]
     visits = visits_of(records_of(parts))
     alone = match_visits(np.zeros(3), visits[:2], no_corrections(5))[0]
     constraints = match_visits(np.zeros(3), visits, no_corrections(5))
@@ -80,9 +81,9 @@ def test_pairs_of_many_visits_say_no_more_than_there_is(scene):
     np.testing.assert_allclose(constraints[0].covariance, 2.5 * alone.covariance)
 
 
-def test_visits_of_one_pass_are_told_apart_by_time(scene):
+def test_visits_of_one_pass_are_told_apart_by_time():
     rng = np.random.default_rng(0)
-    points = scene.points_on(scene.corner, 60, 0.01, rng)
+    points = points_on(CORNER, 60, 0.01, rng)
     records = records_of([points])
     records["time"] = np.linspace(0.0, 50.0, len(records))
     assert len(visits_of(records)) == 3  # a long stop is three visits
@@ -97,9 +98,6 @@ def test_visits_of_one_pass_are_told_apart_by_time(scene):
         assert (one.pass_, one.time) == (read.pass_, read.time)
         np.testing.assert_array_equal(one.planes, read.planes)
         np.testing.assert_array_equal(one.points, read.points)
-
-
-ORIGIN = np.array([550_000.0, 5_802_000.0, 60.0])
 
 
 @pytest.fixture(params=["in memory", "on disk"])

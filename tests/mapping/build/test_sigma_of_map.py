@@ -146,25 +146,13 @@ def test_of_many_points_those_of_some_places_are_kept_whole_and_evenly_in_any_or
     np.testing.assert_array_equal(sampled(points[order], times[order], most_points, n_parts=50), records)
 
 
-def three_passes(surfaces, offsets=(0.0, 0.02, 0.04), n_walls=60):
-    """Walls along a road, and times: passes 300 s apart, each off by its offset across the walls."""
-    points, times = [], []
-    for number, offset in enumerate(offsets):
-        for wall in range(n_walls):
-            x = 2.0 * wall
-            across = offset if wall % 2 else -offset
-            points.append(surfaces.wall(700, (x, 10.15 + across), (x + 1.5, 10.15 + across), noise=0.005)[0])
-            times.append(np.full(700, 300.0 * number + 2.0 * wall))
-    return np.concatenate(points), np.concatenate(times)
-
-
-def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files, surfaces):
-    points, times = three_passes(surfaces)
-    manifest = build_map([cloud_files.las(tmp_path / "a.laz", points, times=times)], tmp_path / "a.map")
+def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files):
+    street = Street(drawn(3, 0.02))
+    manifest = build_map([cloud_files.las(tmp_path / "a.laz", street.points, times=street.times)], tmp_path / "a.map")
     known = manifest.build["sigma"]
     assert (known["from"], known["n_passes"]) == ("passes", 3)
     assert known["n_places"] >= 50
-    assert known["sigma_of_pass"] == pytest.approx(np.std([0.0, 0.02, 0.04], ddof=1), rel=0.05)
+    assert known["sigma_of_pass"] == pytest.approx(street.sigma_of_pass, rel=0.06)
     assert manifest.sigma == pytest.approx(known["sigma_of_pass"] / np.sqrt(3.0), rel=0.05)
     assert PointMap.open(tmp_path / "a.map").sigma == manifest.sigma
 
@@ -177,16 +165,16 @@ def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files, surfaces):
         (True, 0, 0.0, {"from": "given"}),
     ],
 )
-def test_what_leaves_it_assumed_or_given(tmp_path, cloud_files, surfaces, has_times, sigma, wanted, said):
-    points, times = three_passes(surfaces, offsets=(0.0,), n_walls=10)
-    path = cloud_files.npz(tmp_path / "a.npz", points, times=times if has_times else None)
+def test_what_leaves_it_assumed_or_given(tmp_path, cloud_files, has_times, sigma, wanted, said):
+    street = Street(drawn(1, 0.0, n_walls=10))
+    path = cloud_files.npz(tmp_path / "a.npz", street.points, times=street.times if has_times else None)
     manifest = build_map([path], tmp_path / "a.map", MapOptions(sigma=sigma))
     assert (manifest.sigma, manifest.build["sigma"]) == (wanted, said)
 
 
-def test_alignments_beside_the_clouds(tmp_path, cloud_files, surfaces):
-    points, times = three_passes(surfaces, n_walls=6)
-    path, file = cloud_files.npz(tmp_path / "a.npz", points, times=times), tmp_path / "alignment.json"
+def test_alignments_beside_the_clouds(tmp_path, cloud_files):
+    street, file = Street(drawn(3, 0.02, n_walls=6)), tmp_path / "alignment.json"
+    path = cloud_files.npz(tmp_path / "a.npz", street.points, times=street.times)
     cases = ((0.03, 60, 3, 0.03), (0.001, 60, 3, 0.001), (0.001, 60, 1, 0.02), (0, 9, 3, 0.02))
     for sigma, n_ties, n_passes, wanted in cases:
         file.write_text(json.dumps({"sigma": {"of_map": sigma}, "n_ties": n_ties, "n_passes": n_passes, "more": []}))

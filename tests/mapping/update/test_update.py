@@ -17,7 +17,7 @@ from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import read_manifest
 from maxcon.mapping.update import LocalizedDrive, UpdateOptions, update_map
 from street_of_boxes import CAR, CELL, OTHER_CAR, WALL, DriveOfBoxes, inside, map_of
-from written_maps import run, write
+from written_maps import run, stored_voxels, write
 
 
 def parked(*boxes):
@@ -55,13 +55,8 @@ def updated(street, tmp_path_factory):
 
 
 def voxels_of(folder, which):
-    opened = PointMap.open(folder, left_out=None)
-    parts = []
-    for key in sorted(opened.tile_keys):
-        tile = opened.tile(key)
-        classes = np.zeros(len(tile), np.uint8) if tile.classes is None else tile.classes
-        parts.append(tile.mean_points(CELL)[classes == which])
-    return np.concatenate(parts)
+    means, _, _, classes = stored_voxels(folder)
+    return means[classes == which]
 
 
 def test_what_was_missed_is_gone_what_was_hit_is_new_and_a_search_does_not_meet_it(street, updated):
@@ -77,7 +72,6 @@ def test_what_was_missed_is_gone_what_was_hit_is_new_and_a_search_does_not_meet_
     opened = PointMap.open(updated)
     tiles = [opened.tile(key) for key in opened.tile_keys]
     points = np.concatenate([tile.mean_points(CELL) for tile in tiles])
-    gone, new = (voxels_of(updated, each) for each in (SurfaceClass.GONE, SurfaceClass.NEW))
     assert inside(points, CAR, margin=0.0).sum() <= 0.1 * len(gone)
     assert tiles[0].classes is None
     (said,) = read_manifest(updated).build["updates"]
