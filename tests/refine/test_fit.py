@@ -148,6 +148,27 @@ def test_away_from_the_right_pose_patches_lie_beside_the_map():
     assert "patches of surface lie beside those of the map" in found.words
 
 
+@pytest.mark.parametrize(("noise", "apart", "is_loose"), [(0.0, False, True), (0.08, False, False), (0.0, True, False)])
+def test_points_near_the_map_that_are_not_close_are_told_unless_surfaces_are_thick_or_no_points_are_neighbours(
+    noise, apart, is_loose
+):
+    point_map, scan = town(1)
+    order = np.lexsort(np.round(scan.points.T / 2.0))
+    points, normals = scan.points[order], scan.normals[order]
+    points = points + np.random.default_rng(0).normal(0.0, noise, (len(points), 1)) * normals
+    refined = refine(Scan(points, normals), point_map, TRUTH)
+    chance = np.random.default_rng(1).uniform(-0.15, 0.15, len(refined.points))
+    if apart:
+        refined = replace(refined, points=refined.points[::-1] * [1.0, 1.0, 100.0], normals=refined.normals[::-1])
+    found = fit._loose(replace(refined, residuals=chance), point_map)
+    assert bool(found) is is_loose
+    assert not fit._loose(refined, point_map)
+    if is_loose:
+        (misfit, words), *_ = found
+        assert misfit > 1.0
+        assert "% lie within 0.05 m of them" in words
+
+
 def street(*sides):
     """Points and normals of facades 7 m to the left (1) and to the right (-1) of a way along x, with piers."""
     along, up = (grid.ravel() for grid in np.meshgrid(np.arange(-15.0, 15.0, 0.05), np.arange(0.1, 4.0, 0.08)))

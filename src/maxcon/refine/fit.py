@@ -31,6 +31,16 @@ FARTHEST, TOGETHER, DISPLACED = 1.6, 0.24, 0.4
 within so much of another, m, more than this fraction lies beside."""
 FOUND_BEFORE = 2
 """Added to the number of found points: few are less certain than many."""
+NEAR, CLOSE, FEWEST_NEAR = 0.21, 0.05, 200
+"""Of so many points nearer to their planes than the first, m, the ratio that is nearer than the second tells whether
+the map explains the scan: at wrong places points lie near some plane by chance."""
+LEAST_CLOSE, THIN, LOSS, SMALL_CELL = 0.77, 0.025, 8.0, 0.09
+"""So many must be close where surfaces of the scan are no thicker than `THIN`, m; of thicker ones, by the scanner's
+noise or the map's sigma, less: `LOSS` times the difference. Not asked in maps of larger cells, m, which blur surfaces.
+"""
+NEIGHBOURS, FEWEST_PAIRS, MOST_PAIRS = 0.6, 50, 3000
+"""The thickness of a scan's surfaces is how far the next point lies from a point's plane, in the median of so many
+pairs that are nearer to each other, m."""
 LEVEL = 0.5
 """A wall point has a normal with a vertical part below this."""
 UNKNOWN, COVERED = 2.0, 0.25
@@ -79,7 +89,10 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
         errors += np.outer(shift, shift)
     if explanation.unexplained is not None:
         doubts.append((UNKNOWN, f"residuals stay unexplained where the scan {explanation.unexplained.words()}"))
-    doubts += [*_patches_beside(partners, point_map.cell), *_displaced_sides(partners, point_map, table)]
+    doubts += [
+        *_patches_beside(partners, point_map.cell), *_displaced_sides(partners, point_map, table),
+        *_loose(refined, point_map),
+    ]  # fmt: skip
     misfit, words = max((each for each, _ in doubts), default=0.0), "; ".join(words for _, words in doubts)
     return Fit(misfit, words, refined, errors)
 
@@ -127,3 +140,29 @@ def _displaced_sides(partners: Partners, point_map: PointMap, table: VoxelTable)
                 found = f"of {n} wall points to the {words} facing {facing} {n_found} are found"
                 doubts.append((ratio / DISPLACED, f"{found}, and {n_beside} lie {off:.1f} m beside the map"))
     return doubts
+
+
+def _loose(refined: Refined, point_map: PointMap) -> list[tuple[float, str]]:
+    """The misfit, and words, if points lie near the map, but fewer close to it than the scan's own noise explains."""
+    distances = np.abs(refined.residuals)
+    n_near = int(np.count_nonzero(distances < NEAR))
+    thickness = surface_thickness(refined.points, refined.normals)
+    if point_map.cell > SMALL_CELL or n_near < FEWEST_NEAR or thickness is None:
+        return []
+    ratio = np.count_nonzero(distances < CLOSE) / n_near
+    least = LEAST_CLOSE - LOSS * max(0.0, thickness - THIN, point_map.sigma - THIN)
+    if ratio >= least:
+        return []
+    words = f"of the points within {NEAR:g} m of the map's surfaces {ratio:.0%} lie within {CLOSE:g} m of them"
+    return [(least / max(ratio, 1e-9), words)]
+
+
+def surface_thickness(points: NDArray[np.float64], normals: NDArray[np.float64]) -> float | None:
+    """How far the next point of a scan lies from the plane of a point, in the median, m; None where few are near."""
+    first = np.flatnonzero(normals[:-1].any(axis=1))
+    first = first[:: max(1, len(first) // MOST_PAIRS)]
+    to_next = points[first + 1] - points[first]
+    is_pair = np.einsum("ij,ij->i", to_next, to_next) < NEIGHBOURS**2
+    if np.count_nonzero(is_pair) < FEWEST_PAIRS:
+        return None
+    return float(np.median(np.abs(np.einsum("ij,ij->i", normals[first], to_next)[is_pair])))
