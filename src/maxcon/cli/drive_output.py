@@ -269,7 +269,8 @@ def report_drive(
     facts = {
         "Map": f"{entry.map}, voxels of {drive.point_map.cell:g} m; CRS: {crs_name(drive.point_map.frame.crs)}",
         "Scans": f"{entry.scans}",
-        "Sigma of the map": sigma_words(read_manifest(entry.map)), "Rough poses": f"{entry.prior or entry.scans}",
+        "Sigma of the map": sigma_words(read_manifest(entry.map)),
+        "Rough poses": f"{drive.opener.recording.at or entry.prior or entry.scans}",
         **assumed,
     }  # fmt: skip
     reported = ReportedDrive(read_rows(out), drive.point_map, drive.scans, drive.opener.drive, prior, reference)

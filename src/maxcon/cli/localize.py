@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """`maxcon localize` and `maxcon relocalize`."""
 
-import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +25,7 @@ from maxcon.cli.options import (
     Topic,
     ViewOptions,
     WorkerOptions,
+    parse_numbers,
 )
 from maxcon.cli.terminal import warn
 from maxcon.errors import OptionError
@@ -107,6 +107,7 @@ def localize(
     is_one = files.drives is None and worker.workers is None and worker.scheduler is None
     engine = Engine(1 if is_one else worker.workers, worker.scheduler, warn)
     options = DriveOptions(ranges.min_range, ranges.max_range, time.max_gap)
+    check_exclusive({"--at": recording.at}, {"--prior": files.prior, "--drives": files.drives})
     parse_objective(method.objective)  # a wrong name is said before anything is read
     opener = DriveOpener(method, space, recording, motion, options, certainty, worker.threads)
     if files.drives is not None:
@@ -192,15 +193,7 @@ class CircleOptions(OptionGroup, title="Search space"):
         """The middle of the circle in the CRS of the map, m; None for the whole map."""
         if self.around is None:
             return None
-        try:
-            x, y = (float(word) for word in self.around.split(","))
-        except ValueError:
-            x, y = math.nan, math.nan
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise OptionError(
-                f"Expected --around X,Y, two coordinates in m in the CRS of the map, got {self.around!r}. Write them as"
-                " --around 549980,5801820."
-            )
+        x, y = parse_numbers(self.around, "--around", "X,Y", "549980,5801820")
         return x, y
 
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Options that several commands have, and the option groups of those that localize."""
 
+import math
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -53,6 +54,20 @@ def check_turn_time(turn_time: float | None, *, deskew: bool) -> None:
         raise OptionError(f"Expected --turn-time of up to 2 s, got {turn_time}. Most scanners take 0.1 s.")
 
 
+def parse_numbers(text: str, name: str, metavar: str, example: str) -> list[float]:
+    """Return the numbers of an option that are separated by commas, as many as `metavar` names: OptionError if not."""
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != len(metavar.split(",")) or not all(map(math.isfinite, numbers)):
+        raise OptionError(
+            f"Expected {name} {metavar}, numbers in the CRS of the map, m, and degrees, got {text!r:.80}. Write it as"
+            f" {name} {example}."
+        )
+    return numbers
+
+
 class RangeOptions(OptionGroup, title="Inputs"):
     """Which points of a scan take part, by their distance from the sensor, m."""
 
@@ -69,6 +84,8 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
         example.
     mounting: Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses
         become the scanner's.
+    at: Of one scan, instead of --prior: a place on the map's ground in its CRS, m, and the heading there, degrees
+        counter-clockwise from +x.
     """
 
     topic: Topic = None
@@ -80,8 +97,11 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
     mounting: Path | None = flag(None, metavar="TOML")
     at_stamp: AtStamp = False
     time_offset: float = flag(0.0, "Added to the times of the prior and of the odometry.", metavar="S")
+    at: str | None = flag(None, metavar="X,Y,HEADING_DEG", rich_help_panel="Inputs")
 
     def __post_init__(self) -> None:
+        of_priors = {"--prior-topic": self.prior_topic, "--geoid-height": self.geoid_height}
+        check_exclusive({"--at": self.at}, of_priors | {"--prior-frames": self.prior_frames})
         check_exclusive({"--prior-topic": self.prior_topic}, {"--prior-frames": self.prior_frames})
         check_exclusive({"--odometry-topic": self.odometry_topic}, {"--odometry-frames": self.odometry_frames})
 
