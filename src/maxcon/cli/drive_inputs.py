@@ -223,10 +223,7 @@ def _prior_at(point_map: PointMap, at: str, scans: Scans, mounting: Mounting | N
         prior = mounting.of_prior(prior)
     off = above_ground(point_map, point_map.frame.to_local(prior.positions)) - USUAL
     if math.isnan(off):
-        raise OptionError(
-            f"Expected --at where the map has ground, to stand on, got {at}. Is it in the CRS of the map? Where there"
-            " is no ground give --prior, with a height."
-        )
+        raise OptionError(f"Expected --at where the map has ground, got {at}. Is it in its CRS? Else give --prior.")
     return RecordedPoses(replace(prior, positions=prior.positions - [0.0, 0.0, off]))
 
 

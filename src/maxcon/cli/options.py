@@ -19,11 +19,7 @@ Times = Annotated[Path | None, Option(metavar="FILE", help="Times of the scans; 
 Risk = Annotated[float, Option(metavar="0..1", help="Largest probability of errors above the protection level.")]
 Topic = Annotated[str | None, Option(metavar="NAME", help="Which of several point clouds of a recording.")]
 AtStamp = Annotated[
-    bool,
-    Option(
-        "--at-stamp",
-        help="The time of a recorded scan is its message's, not the middle between its first and its last point.",
-    ),
+    bool, Option("--at-stamp", help="A recorded scan's time is its message's, not midway between first and last point.")
 ]
 TurnTime = Annotated[
     float | None,
@@ -107,14 +103,13 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
 
 
 class MotionOptions(OptionGroup, title="Motion"):
-    """What is known and made of the vehicle's motion."""
+    """What is known and made of the vehicle's motion.
+
+    odometry: With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.
+    """
 
     track: bool = flag(False, "Search each scan only where the one before and the motion since allow it to be.")
-    odometry: Path | None = flag(
-        None,
-        "With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
-        metavar="TUM|CSV|RECORDING",
-    )
+    odometry: Path | None = flag(None, metavar="TUM|CSV|RECORDING")
     drift: float | None = flag(None, "Error of the odometry as a share of the way; 0.02 if not given.", metavar="SHARE")
     deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
     turn_time: TurnTime = None
@@ -240,9 +235,7 @@ class ViewOptions(OptionGroup, title="Output"):
     """Whether a drive is shown, or recorded; both need the extra view."""
 
     view: bool = flag(False, "Show the map, and of a drive scans and answers as they come, in Rerun (extra view).")
-    save: Path | None = flag(
-        None, "Write what --view shows as a recording; `rerun FILE` opens it (extra view).", metavar="FILE.rrd"
-    )
+    save: Path | None = flag(None, "Write that as a recording; `rerun FILE` opens it (extra view).", metavar="FILE.rrd")
 
     @property
     def is_wanted(self) -> bool:
