@@ -45,17 +45,17 @@ _EXPLANATIONS = {
     Status.LOCALIZED: "The best cell lies inside the search space and its matches determine x and y.",
     Status.UNDETERMINED: "The matches leave a direction open (a single wall, a bare street): do not use x and y.",
     Status.AT_RIM: "The scores still rise at the rim of the search space: the true pose may lie outside. Widen it.",
-    Status.AMBIGUOUS: "Another place scores nearly as high: the scan fits there too. Narrow the prior, or first mend"
-    " what the reason beside it names.",
+    Status.AMBIGUOUS: "Another place scores nearly as high: the scan fits there too. Search a smaller part of the map,"
+    " or first mend what the reason beside it names.",
     Status.WALLS_MISSING: "Of the walls that the scan sees in one direction hardly any stand in the map there: the"
     " pose fits the others only, or the place has changed. See the reason beside it.",
     Status.NOT_CONFIRMED: "Adjusted to the surfaces of the map the pose moves away from the best cell, or few surfaces"
     " carry it: the place may be right, the centimetres are not.",
     Status.MISFIT: "The scan does not fit the map as one taken there would: it is distorted, the map is off, or the"
     " place only looks alike. See the reason beside it.",
-    Status.FEW_MATCHES: "Few of the scan's points match the map even at the best cell: is the prior far off, or the"
-    " map old or thin?",
-    Status.NO_MATCH: "No scan point matched the map: is the prior inside the map, and is its height right?",
+    Status.FEW_MATCHES: "Few of the scan's points match the map even at the best cell: was it taken elsewhere than was"
+    " searched, or is the map old or thin?",
+    Status.NO_MATCH: "No place was found where the scan matches: was it taken in the map, and is the height right?",
     Status.NO_POINTS: "The scan has no point within the range limits (--min-range, --max-range, in metres).",
     Status.NO_PRIOR: "The prior trajectory has no pose at, or closely around, the time of the scan.",
     Status.OUTSIDE_MAP: "The prior lies outside the map.",

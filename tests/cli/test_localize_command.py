@@ -260,6 +260,35 @@ def test_a_page_of_the_drive_is_written_with_and_without_a_reference(localize, d
     assert re.search(r"reference: 4 localized scans, 0 .*\n  along    median 0.0.*; within 1, 2, 3 sigma", alone)
 
 
+def test_one_scan_by_a_place_and_a_heading(localize, drive, tmp_path):
+    scan = next(path for path in sorted(drive.dataset.scans.iterdir()) if path.suffix == ".bin")
+    true = drive.reference.pose(0)
+    at = f"{true.x + 1.0},{true.y - 1.0},{math.degrees(true.heading):.0f}"
+    assert localize("--at", at, prior=None, scans=scan).code == 0
+    (found,) = rows_of(tmp_path / "poses.csv")
+    assert math.hypot(float(found["x"]) - true.x, float(found["y"]) - true.y) < 0.2
+    assert abs(float(found["z"]) - true.z) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--at 1,2", ("Expected --at X,Y,HEADING_DEG,", "'1,2'", "--at 549980,5801820,90")),
+        ("--at 1,2,north", ("--at X,Y,HEADING_DEG",)),
+        ("--at 1,2,3", ("one scan with --at, got 4",)),
+        ("--at 1,2,3 --geoid-height 40", ("either --at or --geoid-height",)),
+    ],
+)
+def test_a_place_is_three_numbers_and_of_one_scan(localize, refused, options, words):
+    refused(localize(*options.split(), prior=None), *words)
+
+
+def test_a_place_is_in_the_map_and_replaces_the_prior(localize, drive, refused):
+    scan = next(path for path in sorted(drive.dataset.scans.iterdir()) if path.suffix == ".bin")
+    refused(localize("--at", "-1,-2,-90", prior=None, scans=scan), "ground", "-1,-2,-90", "CRS")
+    refused(localize("--at", "1,2,3"), "either --at or --prior")
+
+
 @pytest.fixture(scope="module")
 def dense(built_once):
     """Twelve epochs through the city of the small drive, whose map is there already."""

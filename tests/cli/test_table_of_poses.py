@@ -94,7 +94,7 @@ def test_rows_that_are_there_are_not_made_again(maxcon, arguments, table, poses)
     ended = maxcon(*arguments, "--resume")
     assert (ended.code, ended.err) == (0, "")
     assert ended.out.startswith(f"all 4 epochs were in {table} already")
-    assert "Nothing was done: prior, map and options of this call had no effect" in ended.out
+    assert "Nothing was done: inputs and options of this call had no effect" in ended.out
     assert table.read_bytes() == before
 
 

@@ -279,3 +279,15 @@ def test_what_cannot_be_exported_is_said(table, tmp_path):
     with pytest.raises(TrajectoryError, match="got none of 1"):
         export_poses(table, tmp_path / "a.tum")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["poses.csv"]
+
+
+def test_a_full_disk_is_told_without_sql(table, tmp_path, monkeypatch):
+    raw = pytest.importorskip("pyogrio.raw")
+
+    def fail(*arguments, **options):
+        raise RuntimeError("sqlite3_exec(CREATE TABLE x) failed: no such table: gpkg_contents")
+
+    monkeypatch.setattr(raw, "write", fail)
+    with pytest.raises(FileError, match=r"got: an error of its database\. Is the disk full\?$"):
+        export_poses(table, tmp_path / "a.gpkg", CRS)
+    assert not list(tmp_path.glob("a*"))

@@ -35,11 +35,11 @@ def few_headings():
         yield
 
 
-def assert_as_defined(scan, regions, ratio, **options):
+def assert_as_defined(scan, regions, ratio, fewest=1.0, **options):
     """The cells that are found, which are those of the definition."""
     found, wanted = (
-        coarse_filter.filter_cells(scan, regions, ratio, **options),
-        coarse_filter.count_all(scan, regions, ratio),
+        coarse_filter.filter_cells(scan, regions, ratio, fewest, **options),
+        coarse_filter.count_all(scan, regions, ratio, fewest),
     )
     assert np.array_equal(found.cells, wanted.cells)
     assert np.array_equal(found.counts, wanted.counts)
@@ -58,13 +58,14 @@ def towns():
 
 @given(
     number=st.integers(0, len(TOWNS) - 1), seed=st.integers(0, 1000), ratio=st.floats(0.3, 1.0),
-    n_threads=st.integers(1, 3),
+    fewest=st.sampled_from([1.0, 10.0, 25.0, 41.0]), n_threads=st.integers(1, 3),
 )  # fmt: skip
-def test_it_finds_the_cells_and_counts_of_the_definition(towns, number, seed, ratio, n_threads):
+def test_it_finds_the_cells_and_counts_of_the_definition(towns, number, seed, ratio, fewest, n_threads):
     (town, regions), (middle, _) = towns[number], TOWNS[number]
     rng = np.random.default_rng(seed)
     truth = town.pose(*(np.array(middle) + rng.uniform(-20.0, 20.0, 2)), rng.uniform(-3.1, 3.1))
-    assert_as_defined(coarse_scan(town, truth, seed, 40), regions, ratio, n_threads=n_threads)
+    found = assert_as_defined(coarse_scan(town, truth, seed, 40), regions, ratio, fewest, n_threads=n_threads)
+    assert (found.counts >= fewest).all()
 
 
 def test_it_does_so_in_a_circle(towns):

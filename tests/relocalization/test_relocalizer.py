@@ -84,6 +84,14 @@ def test_a_scan_of_another_town_is_not_localized(relocalizer):
     assert not relocalizer.localize(other.scan(other.pose(6.0, -3.0, 0.4), 1)).is_localized
 
 
+def test_where_no_place_matches_enough_it_ends_early_and_says_so(town, relocalizer):
+    scan = town.scan(town.pose(6.0, -3.0, 0.4), 1)
+    wide = np.where(np.abs(scan.points[:, 2:] + HEIGHT) < 0.2, 1.0, [1.9, 0.6, 3.1])
+    found = relocalizer.search(Scan(scan.points * wide))
+    assert (found.estimate.status, found.n_coarse) == (Status.NO_MATCH, 0)
+    assert "no place of the map matches as many points" in found.estimate.reason
+
+
 def test_in_a_circle_without_the_true_place_it_is_not_localized(town, relocalizer, monkeypatch):
     monkeypatch.setattr(CoarseMap, "__init__", lambda *_: pytest.fail("tiles are made anew"))
     with pytest.raises(OptionError, match="radius"):

@@ -64,10 +64,7 @@ def _group() -> None:
 
 @scans.command()
 def info(
-    path: Annotated[
-        Path,
-        typer.Argument(metavar="SCANS", help="Folder of scans, a scan, or a recording, as `maxcon localize` takes it."),
-    ],
+    path: Annotated[Path, typer.Argument(metavar="SCANS", help="Scans or a recording, as of `maxcon localize`.")],
     topic: Topic = None,
 ) -> None:
     """Print topics, fields, how times of points are understood and why, rate, extent, and shares of points."""

@@ -27,15 +27,17 @@ from maxcon.cli.options import (
     MotionOptions,
     RecordingOptions,
     SpaceOptions,
+    parse_numbers,
 )
 from maxcon.cli.terminal import step_bars
-from maxcon.drive.diagnosis import check_heights
+from maxcon.drive.diagnosis import USUAL, above_ground, check_heights
 from maxcon.drive.hypotheses import WithinSigmas
 from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate, read_epoch, scan_of, track_drive
 from maxcon.drive.many import DriveEntry, DriveTask, ManyDrivesJob, tasks_of
 from maxcon.drive.motion import MotionNoise
 from maxcon.drive.tracker import Tracker
 from maxcon.errors import MapError, MaxconError, OptionError, TrajectoryError
+from maxcon.geometry import Pose
 from maxcon.integrity import Trust
 from maxcon.io.fixes import Heights, RecordedPoses
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
@@ -84,7 +86,10 @@ class DriveOpener:
         mounting = None if self.recording.mounting is None else read_mounting(self.recording.mounting)
         scans = self._scans(entry, mounting)
         frame = frame_of(scans, mounting)
-        prior = _prior(point_map, entry, self.recording, mounting, frame)
+        if self.recording.at is not None:
+            prior = _prior_at(point_map, self.recording.at, scans, mounting)
+        else:
+            prior = _prior(point_map, entry, self.recording, mounting, frame)
         later = self.recording.time_offset
         prior = replace(prior, trajectory=prior.trajectory.later(later))
         odometry, odometry_words = _odometry(entry.odometry, self.recording, mounting, frame)
@@ -208,6 +213,20 @@ def _words_of(scans: Scans, quiet: bool) -> list[str]:
     return [*words, scans.words] if isinstance(scans, MergedScans) else words
 
 
+def _prior_at(point_map: PointMap, at: str, scans: Scans, mounting: Mounting | None) -> RecordedPoses:
+    """The rough pose of the one scan: level, as high above the map's ground as scanners usually are."""
+    x, y, heading_deg = parse_numbers(at, "--at", "X,Y,HEADING_DEG", "549980,5801820,90")
+    if len(scans) != 1:
+        raise OptionError(f"Expected one scan with --at, got {len(scans)}. Name the file of one, or give --prior.")
+    prior = Trajectory.from_poses(scans.times, [Pose(x, y, 0.0, 0.0, 0.0, math.radians(heading_deg))])
+    if mounting is not None:
+        prior = mounting.of_prior(prior)
+    off = above_ground(point_map, point_map.frame.to_local(prior.positions)) - USUAL
+    if math.isnan(off):
+        raise OptionError(f"Expected --at where the map has ground, got {at}. Is it in its CRS? Else give --prior.")
+    return RecordedPoses(replace(prior, positions=prior.positions - [0.0, 0.0, off]))
+
+
 def _prior(
     point_map: PointMap, entry: DriveEntry, options: RecordingOptions, mounting: Mounting | None, sensor_frame: str
 ) -> RecordedPoses:
@@ -216,8 +235,8 @@ def _prior(
     source = entry.prior or entry.scans
     if entry.prior is None and (not is_recording(source) or source.suffix.lower() == CAPTURE_SUFFIX):
         raise OptionError(
-            f"Expected --prior with rough poses beside {entry.scans}, got none. Give it; only recordings with poses in"
-            " them do without."
+            f"Expected --prior with rough poses beside {entry.scans}, got none. Give it, or of one scan --at; only"
+            " recordings with poses in them do without."
         )
     frames = options.prior_frames and parse_frames(options.prior_frames, "--prior-frames")
     how = {"topic": options.prior_topic, "frames": frames or None, "sensor_frame": sensor_frame}

@@ -193,7 +193,7 @@ class TableOfDrive:
         if there.n_rows and not epochs:
             typer.echo(
                 f"all {there.n_rows} epochs were in {self.out} already, {there.n_localized} of them localized."
-                " Nothing was done: prior, map and options of this call had no effect; --overwrite makes the table"
+                " Nothing was done: inputs and options of this call had no effect; --overwrite makes the table"
                 " anew with them"
             )
             return
@@ -203,7 +203,7 @@ class TableOfDrive:
         typer.echo(f"{len(epochs) - others.total()} of {len(epochs)} epochs localized{time}; written to {self.out}")
         if there.n_rows:
             typer.echo(
-                f"behind {there.n_rows} that were there, {there.n_localized} of them localized, with the prior, map and"
+                f"behind {there.n_rows} that were there, {there.n_localized} of them localized, with inputs and"
                 " options of their own call"
             )
         first = next((number for number, epoch in enumerate(epochs) if epoch.pose_global is not None), 0)
@@ -269,7 +269,8 @@ def report_drive(
     facts = {
         "Map": f"{entry.map}, voxels of {drive.point_map.cell:g} m; CRS: {crs_name(drive.point_map.frame.crs)}",
         "Scans": f"{entry.scans}",
-        "Sigma of the map": sigma_words(read_manifest(entry.map)), "Rough poses": f"{entry.prior or entry.scans}",
+        "Sigma of the map": sigma_words(read_manifest(entry.map)),
+        "Rough poses": f"{drive.opener.recording.at or entry.prior or entry.scans}",
         **assumed,
     }  # fmt: skip
     reported = ReportedDrive(read_rows(out), drive.point_map, drive.scans, drive.opener.drive, prior, reference)

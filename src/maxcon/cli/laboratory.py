@@ -19,37 +19,28 @@ if TYPE_CHECKING:
 
 
 class Simulated(OptionGroup):
-    """What is simulated."""
+    """What is simulated.
+
+    scanner: The car's scanner: vlp-16 (default), vlp-32c, hdl-64e, os1-64, os1-128, os-dome-128, xt-32, pandar-128; not
+        repetitive: mid-360, avia; one on either side: two-vlp-16, two-os-dome-128.
+    carrier: Hand: walked through the city, 1 to 2 m high, tilted by up to 20 degrees; priors are level.
+    every: With --campaign: seconds between scans from its beginning on; else spread evenly.
+    changed: In a city: months between map and scans change such a part of it (bare trees, scaffolds, demolished houses,
+        fences, snow, roads 5 cm higher), 0 to 1. Parked cars always change.
+    recording: Also record scans and latitudes, longitudes: ROS 1 bag, MCAP (extra recordings).
+    """
 
     out: Path = argument(..., "Folder of the dataset to write.", "OUT")
     campaign: bool = flag(False, "A circuit mapped in five rounds, and a round of up to 3001 scans.")
     hard: bool = flag(False, "With --campaign: periodic facades, things gone, 30 % unmapped returns.")
     scene: Literal["city", "suburb"] = flag("city", "A city, or a suburb: hedges, gardens, slopes, a moving scanner.")
-    scanner: str | None = flag(
-        None,
-        "The car's scanner: vlp-16 (default), vlp-32c, hdl-64e, os1-64, os1-128, os-dome-128, xt-32, pandar-128; not"
-        " repetitive: mid-360, avia; one on either side: two-vlp-16, two-os-dome-128.",
-        metavar="NAME",
-    )
-    carrier: Literal["car", "hand"] = flag(
-        "car", "Hand: walked through the city, 1 to 2 m high, tilted by up to 20 degrees; priors are level."
-    )
+    scanner: str | None = flag(None, metavar="NAME")
+    carrier: Literal["car", "hand"] = flag("car")
     epochs: int | None = flag(None, "How many scans; 40, 3001 with --campaign, 200 in a suburb.", min=1)
-    every: float | None = flag(
-        None, "With --campaign: seconds between scans from its beginning on; else spread evenly.", metavar="S"
-    )
-    changed: float = flag(
-        0.0,
-        "In a city: months between map and scans change such a part of it (bare trees, scaffolds, demolished houses,"
-        " fences, snow, roads 5 cm higher), 0 to 1. Parked cars always change.",
-        min=0.0,
-        max=1.0,
-        metavar="SHARE",
-    )
+    every: float | None = flag(None, metavar="S")
+    changed: float = flag(0.0, min=0.0, max=1.0, metavar="SHARE")
     seed: int = flag(0, "The same seed gives the same dataset.", min=0)
-    recording: Literal["bag", "mcap"] | None = flag(
-        None, "Also record scans and latitudes, longitudes: ROS 1 bag, MCAP (extra recordings).", metavar="bag|mcap"
-    )
+    recording: Literal["bag", "mcap"] | None = flag(None, metavar="bag|mcap")
     overwrite: bool = flag(False, "Replace the folder if there is one.")
 
     def __post_init__(self) -> None:
@@ -173,12 +164,14 @@ class StudyOptions(OptionGroup, title="Inputs"):
         of your own, package.module:Name, each beside ours. Default: consensus,baselines; without those whose packages
         are not installed.
     prior: Prior of the dataset, or reference; repeatable. Default: all of the dataset.
+    max_gap: Largest gap in prior and reference to interpolate across.
     """
 
     dataset: Path = argument(..., "Folder with a dataset.toml, or such a file.", "DATASET")
     out: Path = flag(..., "Folder; a study there goes on.", "--out", "-o", metavar="STUDY", rich_help_panel="Output")
     methods: str | None = flag(None, metavar="LIST", rich_help_panel="Method")
     prior: list[str] | None = flag(None, metavar="NAME")
+    max_gap: float = flag(0.5, metavar="S")
     epochs: int | None = flag(None, "So many scans, evenly spread. Default: all.", metavar="N", min=1)
 
 
@@ -188,9 +181,6 @@ class StudySpace(OptionGroup, title="Search space"):
     half_width: float = flag(3.0, "Largest offset from the prior in x and y, m.", metavar="M")
     heading_half_width_deg: float = flag(2.0, "Largest turn from the prior's heading, degrees.", metavar="DEG")
     heading_step_deg: float = flag(0.5, "Step between headings, degrees.", metavar="DEG")
-    max_gap: float = flag(
-        0.5, "Largest gap in prior and reference to interpolate across.", metavar="S", rich_help_panel="Inputs"
-    )
 
 
 @flags
@@ -205,10 +195,12 @@ def study(
     from maxcon.drive.localize import DriveOptions
     from maxcon.lab.dataset import Dataset
     from maxcon.lab.study import DEFAULT_SETS, choose_methods, installed_methods, run_study
+    from maxcon.lab.study.methods import CELL
+    from maxcon.map.manifest import read_manifest
     from maxcon.search.space import SearchSpace
 
     opened = Dataset.open(what.dataset)
-    cell = _cell_of(opened.map_path)
+    cell = CELL if opened.map_path is None else read_manifest(opened.map_path).cell  # as the standard map will have
     searched = SearchSpace(space.half_width, cell, space.heading_half_width_deg, space.heading_step_deg)
     listed = what.methods
     names = DEFAULT_SETS if listed is None else [name.strip() for name in listed.split(",") if name.strip()]
@@ -221,18 +213,10 @@ def study(
     with step_bars(quiet) as report:
         done = run_study(
             opened, what.out, chosen, priors=what.prior, n_epochs=what.epochs, n_workers=worker.workers,
-            options=DriveOptions(ranges.min_range, ranges.max_range, space.max_gap), progress=report,
+            options=DriveOptions(ranges.min_range, ranges.max_range, what.max_gap), progress=report,
             scheduler=worker.scheduler, warn=warn,
         )  # fmt: skip
     _print_study(done, "".join(f" --objective {name}" for name in [*objectives][:1]))
-
-
-def _cell_of(map_path: Path | None) -> float:
-    """Voxel edge of a built map; that of the standard map where it is still to be built."""
-    from maxcon.lab.study.methods import CELL
-    from maxcon.map.manifest import read_manifest
-
-    return CELL if map_path is None else read_manifest(map_path).cell
 
 
 _NO_ANSWER = ("unreadable scan", "failed", "no prior", "no points", "no match", "outside the map")

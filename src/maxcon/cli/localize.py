@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """`maxcon localize` and `maxcon relocalize`."""
 
-import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +17,6 @@ from maxcon.cli.options import (
     Quiet,
     RangeOptions,
     RecordingOptions,
-    Risk,
     ScoresOptions,
     SpaceOptions,
     TableOptions,
@@ -26,6 +24,7 @@ from maxcon.cli.options import (
     Topic,
     ViewOptions,
     WorkerOptions,
+    parse_numbers,
 )
 from maxcon.cli.terminal import warn
 from maxcon.errors import OptionError
@@ -39,6 +38,7 @@ class DriveFiles(OptionGroup, title="Inputs"):
     drives: Instead of SCANS: a table of many drives, each with its name, scans, prior, and map where that is not MAP.
     prior: Rough poses T_map_sensor, in the CRS of the map; or by latitude and longitude, in a CSV, a log of NMEA
         sentences (.nmea, .log, .txt), or a recording. Without it the poses in the recording of the scans.
+    max_gap: Largest gap in the prior to interpolate across.
     out: Table to write, a row per epoch; with --drives the folder of a Parquet dataset, which goes on.
     """
 
@@ -46,14 +46,9 @@ class DriveFiles(OptionGroup, title="Inputs"):
     scans: Path | None = argument(None, None, "SCANS", show_default=False)
     drives: Path | None = flag(None, metavar="CSV|TOML")
     prior: Path | None = flag(None, metavar="TUM|CSV|NMEA|RECORDING")
-    out: Path = flag(..., None, "--out", "-o", metavar="POSES.csv", rich_help_panel="Output")
-
-
-class TimeOptions(OptionGroup, title="Inputs"):
-    """How scans find their priors in time."""
-
-    max_gap: float = flag(0.5, "Largest gap in the prior to interpolate across.", metavar="S")
+    max_gap: float = flag(0.5, metavar="S")
     times: Times = None
+    out: Path = flag(..., None, "--out", "-o", metavar="POSES.csv", rich_help_panel="Output")
 
 
 class PictureOptions(OptionGroup, title="Output"):
@@ -81,7 +76,7 @@ class EpochWorkers(WorkerOptions, title="How it is done"):
 @flags
 def localize(
     *, files: DriveFiles, method: MethodOptions, space: SpaceOptions, certainty: Certainty, motion: MotionOptions,
-    recording: RecordingOptions, ranges: RangeOptions, time: TimeOptions, table: TableOptions, pictures: PictureOptions,
+    recording: RecordingOptions, ranges: RangeOptions, table: TableOptions, pictures: PictureOptions,
     view: ScoresOptions, worker: EpochWorkers, quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Localize every scan of a drive in a map; the row of each is in POSES.csv once it is done.
@@ -99,19 +94,20 @@ def localize(
     from maxcon.io.trajectories import read_trajectory
 
     if worker.scheduler is not None:  # its workers are in other folders
-        map_folder, scans, prior = (_absolute(path) for path in (files.map_folder, files.scans, files.prior))
-        files = replace(files, map_folder=map_folder, scans=scans, prior=prior)
-        time = replace(time, times=_absolute(time.times))
+        named = files.map_folder, files.scans, files.prior, files.times
+        map_folder, scans, prior, times = map(_absolute, named)
+        files = replace(files, map_folder=map_folder, scans=scans, prior=prior, times=times)
         motion = replace(motion, odometry=_absolute(motion.odometry))
         recording = replace(recording, mounting=_absolute(recording.mounting))
     is_one = files.drives is None and worker.workers is None and worker.scheduler is None
     engine = Engine(1 if is_one else worker.workers, worker.scheduler, warn)
-    options = DriveOptions(ranges.min_range, ranges.max_range, time.max_gap)
+    options = DriveOptions(ranges.min_range, ranges.max_range, files.max_gap)
+    check_exclusive({"--at": recording.at}, {"--prior": files.prior, "--drives": files.drives})
     parse_objective(method.objective)  # a wrong name is said before anything is read
     opener = DriveOpener(method, space, recording, motion, options, certainty, worker.threads)
     if files.drives is not None:
         of_one = {
-            "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": time.times,
+            "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": files.times,
             "--tum": table.tum, "--plot": pictures.plot, "--report": pictures.report, "--resume": table.resume,
             "--reference": pictures.reference, "--view or --save": view.is_wanted, "--overwrite": table.overwrite,
         }  # fmt: skip
@@ -129,7 +125,7 @@ def localize(
     out, plot = files.out, pictures.plot
     drive_output.check_outputs(out, table, prior=files.prior, plot=plot, report=pictures.report)
     reference = None if pictures.reference is None else read_trajectory(pictures.reference)
-    entry = DriveEntry("", files.scans, files.map_folder, files.prior, time.times, motion.odometry)
+    entry = DriveEntry("", files.scans, files.map_folder, files.prior, files.times, motion.odometry)
     drive = opener.open(entry, opener.open_map(files.map_folder), quiet=quiet)
     localized = drive_output.TableOfDrive(out, table, drive.scans.times, is_track=motion.track)
     there = localized.there
@@ -188,30 +184,15 @@ class CircleOptions(OptionGroup, title="Search space"):
         check_needs({"--radius": self.radius}, {"--around X,Y": self.around})
 
     @property
-    def middle(self) -> tuple[float, float] | None:
-        """The middle of the circle in the CRS of the map, m; None for the whole map."""
-        if self.around is None:
-            return None
-        try:
-            x, y = (float(word) for word in self.around.split(","))
-        except ValueError:
-            x, y = math.nan, math.nan
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise OptionError(
-                f"Expected --around X,Y, two coordinates in m in the CRS of the map, got {self.around!r}. Write them as"
-                " --around 549980,5801820."
-            )
-        return x, y
+    def middle(self) -> list[float] | None:
+        """The middle of the circle, x and y in the CRS of the map, m; None for the whole map."""
+        return None if self.around is None else parse_numbers(self.around, "--around", "X,Y", "549980,5801820")
 
 
-class PlaceCertainty(OptionGroup, title="Certainty"):
-    """From where on an answer is not trusted."""
+class PlaceCertainty(Certainty, title="Certainty"):
+    """The same in a whole map, of which more matches by chance."""
 
-    least_share: float = flag(0.1, "An answer that fewer of the scan's points match is not trusted.", metavar="0..1")
-    largest_runner_up: float = flag(
-        0.8, "Ambiguous if the second best place scores more than this fraction of the best.", metavar="0..1"
-    )
-    risk: Risk = 0.01
+    least_share: float = flag(0.1, metavar="0..1")
 
 
 @flags

@@ -117,9 +117,7 @@ class MapOutput(OptionGroup, title="Output"):
 class TileWorkers(OptionGroup, title="How it is done"):
     """Who makes the tiles."""
 
-    threads: int | None = flag(
-        None, "Tiles made at once in this process, 0.25 GiB each. Default: processors, at most 4.", min=1
-    )
+    threads: int | None = flag(None, "Tiles made at once here, 0.25 GiB each. Default: processors, at most 4.", min=1)
     workers: int | None = flag(None, "Let N processes make the tiles instead.", metavar="N", min=1)
     scheduler: Scheduler = None
 
@@ -190,11 +188,13 @@ class PassFiles(OptionGroup, title="Inputs"):
     trajectory: Where the mapping sensor was at the points' times: corrected as they are; repeatable.
     drop: Class that is not matched, by name or number; repeatable. Default: vegetation, noise, temporal-exclusion.
     vehicle_class: Class number that means vehicles: not matched; repeatable.
+    threads: Places matched at once, 0.4 GiB each. Default: processors, at most 4.
     """
 
     clouds: list[Path] = argument(..., "LAS or LAZ files of all passes, in tiles or whole.", "CLOUD...")
     trajectory: list[Path] | None = flag(None, metavar="TUM|CSV")
     crs: str | None = flag(None, "CRS of clouds that name none themselves.", metavar="EPSG:N|WKT")
+    threads: int | None = flag(None, min=1, rich_help_panel="How it is done")
     drop: list[str] | None = flag(None, metavar="CLASS", rich_help_panel="Classes")
     vehicle_class: list[int] | None = flag(None, metavar="NUMBER", rich_help_panel="Classes")
     out: Path = flag(..., "Folder to write.", "--out", "-o", metavar="FOLDER", rich_help_panel="Output")
@@ -217,15 +217,9 @@ class PassOptions(OptionGroup, title="Passes"):
     knot_spacing: float = flag(10.0, "Corrections that drift are free every so many seconds.", "--knots", metavar="S")
 
 
-class PlaceThreads(OptionGroup, title="How it is done"):
-    """How many threads match."""
-
-    threads: int | None = flag(None, "Places matched at once, 0.4 GiB each. Default: processors, at most 4.", min=1)
-
-
 @app.command(cls=GroupedCommand, short_help="Bring passes together before a map is built of them.")
 @flags
-def align(files: PassFiles, passes: PassOptions, worker: PlaceThreads, quiet: Quiet = False) -> None:
+def align(files: PassFiles, passes: PassOptions, quiet: Quiet = False) -> None:
     """Bring passes of a mapping campaign together: match them, adjust them, write corrected clouds."""
     from maxcon.cli.map_words import print_alignment
     from maxcon.mapping.align import AlignmentOptions, align_files
@@ -236,7 +230,7 @@ def align(files: PassFiles, passes: PassOptions, worker: PlaceThreads, quiet: Qu
     with step_bars(quiet) as report, compiling_told(quiet):
         found = align_files(
             files.clouds, files.out, options, trajectories=files.trajectory or (), overwrite=files.overwrite,
-            n_threads=worker.threads, progress=report,
+            n_threads=files.threads, progress=report,
         )  # fmt: skip
     typer.echo(f"{files.out}")
     print_alignment(found)
@@ -245,16 +239,13 @@ def align(files: PassFiles, passes: PassOptions, worker: PlaceThreads, quiet: Qu
 app.command(short_help="Give a map its coordinates: by a receiver, or control points.")(georeference)
 
 
-class MapToTell(OptionGroup):
-    """The map, and what is done beside telling of it."""
-
-    path: Path = argument(..., "Folder of a map, or its address: s3://, http://, https://.", "MAP")
-    check: bool = flag(False, "Also read every tile and verify its checksum.")
-
-
 @app.command()
 @flags
-def info(what: MapToTell, view: ViewOptions) -> None:
+def info(
+    path: Annotated[Path, typer.Argument(metavar="MAP", help="Folder, or address: s3://, http://, https://.")],
+    view: ViewOptions,
+    check: Annotated[bool, typer.Option("--check", help="Also read every tile and verify its checksum.")] = False,
+) -> None:
     """Print what a map is made of, and show it."""
     from maxcon.cli.map_words import print_manifest
     from maxcon.map.manifest import read_manifest
@@ -262,15 +253,15 @@ def info(what: MapToTell, view: ViewOptions) -> None:
     from maxcon.map.store import stored_ground, stored_tiles
 
     view.check()
-    files = open_storage(what.path)
+    files = open_storage(path)
     manifest = read_manifest(files)
     print_manifest(manifest)
     if view.is_wanted:
         from maxcon.export.scene import with_rerun
         from maxcon.map import PointMap
 
-        with_rerun().show_map(PointMap.open(what.path), view.save)
-    if what.check:
+        with_rerun().show_map(PointMap.open(path), view.save)
+    if check:
         tiles = stored_tiles(files, manifest, cache_bytes=0)
         for each in (tiles, stored_ground(files, manifest)):
             for key in sorted(each.keys):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Options that several commands have, and the option groups of those that localize."""
 
+import math
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,11 +19,7 @@ Times = Annotated[Path | None, Option(metavar="FILE", help="Times of the scans; 
 Risk = Annotated[float, Option(metavar="0..1", help="Largest probability of errors above the protection level.")]
 Topic = Annotated[str | None, Option(metavar="NAME", help="Which of several point clouds of a recording.")]
 AtStamp = Annotated[
-    bool,
-    Option(
-        "--at-stamp",
-        help="The time of a recorded scan is its message's, not the middle between its first and its last point.",
-    ),
+    bool, Option("--at-stamp", help="A recorded scan's time is its message's, not midway between first and last point.")
 ]
 TurnTime = Annotated[
     float | None,
@@ -53,6 +50,20 @@ def check_turn_time(turn_time: float | None, *, deskew: bool) -> None:
         raise OptionError(f"Expected --turn-time of up to 2 s, got {turn_time}. Most scanners take 0.1 s.")
 
 
+def parse_numbers(text: str, name: str, metavar: str, example: str) -> list[float]:
+    """Return the numbers of an option that are separated by commas, as many as `metavar` names: OptionError if not."""
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != len(metavar.split(",")) or not all(map(math.isfinite, numbers)):
+        raise OptionError(
+            f"Expected {name} {metavar}, numbers in the CRS of the map, m, and degrees, got {text!r:.80}. Write it as"
+            f" {name} {example}."
+        )
+    return numbers
+
+
 class RangeOptions(OptionGroup, title="Inputs"):
     """Which points of a scan take part, by their distance from the sensor, m."""
 
@@ -69,6 +80,8 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
         example.
     mounting: Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses
         become the scanner's.
+    at: Of one scan, instead of --prior: a place on the map's ground in its CRS, m, and the heading there, degrees
+        counter-clockwise from +x.
     """
 
     topic: Topic = None
@@ -80,21 +93,23 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
     mounting: Path | None = flag(None, metavar="TOML")
     at_stamp: AtStamp = False
     time_offset: float = flag(0.0, "Added to the times of the prior and of the odometry.", metavar="S")
+    at: str | None = flag(None, metavar="X,Y,HEADING_DEG", rich_help_panel="Inputs")
 
     def __post_init__(self) -> None:
+        of_priors = {"--prior-topic": self.prior_topic, "--geoid-height": self.geoid_height}
+        check_exclusive({"--at": self.at}, of_priors | {"--prior-frames": self.prior_frames})
         check_exclusive({"--prior-topic": self.prior_topic}, {"--prior-frames": self.prior_frames})
         check_exclusive({"--odometry-topic": self.odometry_topic}, {"--odometry-frames": self.odometry_frames})
 
 
 class MotionOptions(OptionGroup, title="Motion"):
-    """What is known and made of the vehicle's motion."""
+    """What is known and made of the vehicle's motion.
+
+    odometry: With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.
+    """
 
     track: bool = flag(False, "Search each scan only where the one before and the motion since allow it to be.")
-    odometry: Path | None = flag(
-        None,
-        "With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
-        metavar="TUM|CSV|RECORDING",
-    )
+    odometry: Path | None = flag(None, metavar="TUM|CSV|RECORDING")
     drift: float | None = flag(None, "Error of the odometry as a share of the way; 0.02 if not given.", metavar="SHARE")
     deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
     turn_time: TurnTime = None
@@ -220,9 +235,7 @@ class ViewOptions(OptionGroup, title="Output"):
     """Whether a drive is shown, or recorded; both need the extra view."""
 
     view: bool = flag(False, "Show the map, and of a drive scans and answers as they come, in Rerun (extra view).")
-    save: Path | None = flag(
-        None, "Write what --view shows as a recording; `rerun FILE` opens it (extra view).", metavar="FILE.rrd"
-    )
+    save: Path | None = flag(None, "Write that as a recording; `rerun FILE` opens it (extra view).", metavar="FILE.rrd")
 
     @property
     def is_wanted(self) -> bool:

@@ -183,7 +183,8 @@ def write_geopackage(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
                     driver="GPKG", geometry_type=kind, crs=metric_crs(crs), append=layer != "poses",
                 )  # fmt: skip
         except RuntimeError as error:  # of which all of pyogrio's errors are
-            said = str(error).splitlines()[0].rpartition("failed: ")[2][:120]  # before it stands the whole SQL
+            said = str(error).splitlines()[0][:120]
+            said = "an error of its database" if "failed: " in str(error) else said  # else SQL and its consequences
             raise FileError(f"Expected GDAL to write {path}, got: {said}. Is the disk full?") from error
         made.replace(partial)
 

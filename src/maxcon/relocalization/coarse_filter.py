@@ -170,28 +170,31 @@ def counts_of_region(scan: CoarseScan, regions: Regions, key: TileKey) -> NDArra
     return counts
 
 
-def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> CountedCells:
-    """Find every cell whose count reaches a ratio of the highest one: every cell at every heading is counted."""
+def count_all(scan: CoarseScan, regions: Regions, ratio: float, fewest: float = 1.0) -> CountedCells:
+    """Find every cell whose count reaches `fewest` and a ratio of the highest one: each at every heading is counted."""
     counts = {key: counts_of_region(scan, regions, key) for key in regions.allowed}
     best = max((int(each.max()) for each in counts.values()), default=0)
     cells, scores = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
     if best > 0:
         for (key_x, key_y), each in counts.items():
-            reaching = np.argwhere(each >= ratio * best)
+            reaching = np.argwhere(each >= max(ratio * best, fewest))
             cells.append(reaching + np.array([0, key_y * REGION, key_x * REGION]))
             scores.append(each[tuple(reaching.T)].astype(np.int64))
-    return CountedCells.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.map.cell)
+    left_out = max(ratio, fewest / best) if best >= fewest else ratio
+    return CountedCells.sorted(np.concatenate(cells), np.concatenate(scores), left_out, regions.map.cell)
 
 
-def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> CountedCells:
-    """Find every cell whose count reaches a ratio of the highest one, at most `MOST_KEPT` of them.
+def filter_cells(
+    scan: CoarseScan, regions: Regions, ratio: float, fewest: float = 1.0, *, n_threads: int = 1
+) -> CountedCells:
+    """Find every cell whose count reaches `fewest` and a ratio of the highest one, at most `MOST_KEPT` of them.
 
     The bound of a block of 4 x 4 cells counts points that match at any of them. Blocks that may reach the ratio of the
     best count so far are split into squares, the highest bound first, and these into cells. Threads share headings and
     squares, and do not change what is found (D8).
     """
     with ThreadPoolExecutor(n_threads) as pool:
-        search = _Filter(regions, scan.turned(HEADINGS, regions.map.cell), ratio, pool, n_threads)
+        search = _Filter(regions, scan.turned(HEADINGS, regions.map.cell), ratio, fewest, pool, n_threads)
         blocks = {}
         for key in regions.allowed:
             nodes, bounds = search.blocks(key)
@@ -200,7 +203,7 @@ def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads:
         for key in sorted(blocks, key=lambda key: (-blocks[key][1].max(initial=0), key)):
             search.split(key, *search.open(*blocks.pop(key)))
     search.drop()
-    left_out = max(ratio, search.dropped / search.best) if search.best else ratio
+    left_out = max(ratio, max(search.dropped, fewest) / search.best) if search.best >= fewest else ratio
     return CountedCells.sorted(search.cells[0], search.counts[0], left_out, regions.map.cell)
 
 
@@ -211,6 +214,7 @@ class _Filter:
     regions: Regions
     turned: TurnedScan
     ratio: float
+    fewest: float
     pool: ThreadPoolExecutor
     n_threads: int
     best: int = 0
@@ -221,12 +225,12 @@ class _Filter:
     @property
     def least(self) -> float:
         """Least count of a cell to be kept."""
-        return max(self.ratio * self.best, 1.0, self.dropped)
+        return max(self.ratio * self.best, self.fewest, self.dropped)
 
     def drop(self) -> None:
-        """Drop cells below the ratio of the best count, and the lowest for which there is no room."""
+        """Drop cells of too low counts, and the lowest for which there is no room."""
         cells, counts = np.concatenate(self.cells), np.concatenate(self.counts)
-        reaches = counts >= max(self.ratio * self.best, 1.0)
+        reaches = counts >= max(self.ratio * self.best, self.fewest)
         cells, counts = cells[reaches], counts[reaches]
         if len(counts) > MOST_KEPT:
             order = in_order(cells, counts)

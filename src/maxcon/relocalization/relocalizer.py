@@ -39,6 +39,9 @@ THINNING, HALF_THINNING = 2.0, 1.0
 # HALF_RATIO of theirs: true places reached these ratios.
 FOLLOWED, LEAST_FOLLOWED = 0.8, 0.4
 COARSE_RATIO, HALF_RATIO = 0.6, 0.75
+# A place that matches the least share of a scan's points in the map's own cells matches 1.4 to 3 times that share in
+# large ones. So much of it is asked for there: where a scan was not taken in the map, most is ruled out at once.
+COARSE_SHARES = 1.25
 # At most so many places are left by each of the two steps, those of the highest counts.
 MOST_COARSE, MOST_HALF = 512, 64
 # Cells that lie nearer to each other are one place: large ones and half as large ones, m and degrees.
@@ -146,18 +149,22 @@ class Relocalizer:
         T_ground_sensor = fit_ground_plane(scan, upright.roll, upright.pitch)
         if T_ground_sensor is None:
             return _nothing(scan, "the scan shows no ground around it")
-        candidates, n_coarse = self._candidates(scan, T_ground_sensor)
-        if not candidates:
-            return _nothing(scan, "few of the points are above the ground, or none matches anywhere")
+        few, many = (CoarseScan.of(scan.thinned(edge), T_ground_sensor) for edge in (THINNING, HALF_THINNING))
+        if len(few) < FEWEST_POINTS:
+            return _nothing(scan, "few of the points are above the ground")
+        candidates, n_coarse = self._candidates(few, many)
+        if not len(candidates):
+            return _nothing(scan, f"no place of the map matches as many points in cells of {CELL} m as right ones do")
         found = self._adjusted(scan, T_ground_sensor, candidates)
         return self._concluded(scan, found, candidates, n_coarse)
 
-    def _candidates(self, scan: Scan, T_ground_sensor: Pose) -> tuple[CountedCells | None, int]:
+    def _candidates(self, few: CoarseScan, many: CoarseScan) -> tuple[CountedCells, int]:
         """Places left by cells of half a metre, the highest count first; and how many large cells left."""
-        few, many = (CoarseScan.of(scan.thinned(edge), T_ground_sensor) for edge in (THINNING, HALF_THINNING))
-        if len(few) < FEWEST_POINTS:
-            return None, 0
-        coarse = filter_cells(few, self.coarse, COARSE_RATIO * self._followed / FOLLOWED, n_threads=self.n_threads)
+        ratio = COARSE_RATIO * self._followed / FOLLOWED
+        fewest = max(1.0, COARSE_SHARES * min(self.trust.least_share, LEAST_SHARE) * len(few))
+        coarse = filter_cells(few, self.coarse, ratio, fewest, n_threads=self.n_threads)
+        if not len(coarse):
+            return coarse, 0
         coarse = coarse.distinct(SAME_COARSE, math.radians(SAME_COARSE_DEG), MOST_COARSE)
         half = recount(many, coarse, self._half).reaching(HALF_RATIO * self._followed / FOLLOWED)
         return half.distinct(SAME_HALF, math.radians(SAME_HALF_DEG), MOST_HALF), len(coarse)
