@@ -1,6 +1,7 @@
 """`maxcon localize`: its options, windows from the certainty of priors, drives localized in part, and as a track."""
 
 import inspect
+import json
 import math
 import re
 import shutil
@@ -287,6 +288,23 @@ def test_a_place_is_in_the_map_and_replaces_the_prior(localize, drive, refused):
     scan = next(path for path in sorted(drive.dataset.scans.iterdir()) if path.suffix == ".bin")
     refused(localize("--at", "-1,-2,-90", prior=None, scans=scan), "ground", "-1,-2,-90", "CRS")
     refused(localize("--at", "1,2,3"), "either --at or --prior")
+
+
+def test_the_summary_as_json_has_the_facts_of_the_sentences(localize, drive, tmp_path):
+    named = ("--reference", drive.dataset.reference, "--tum", tmp_path / "poses.tum")
+    told = json.loads(localize(*named, "--json").out)
+    assert (told["epochs"], told["localized"], told["not_localized"], told["widened"]) == (4, 4, {}, [])
+    assert told["median_ms"] > 0.0
+    assert (told["poses"], told["tum"]) == (str(tmp_path / "poses.csv"), str(tmp_path / "poses.tum"))
+    assert told["points_left_out"]["out_of_range"] >= 0
+    (along, *_) = told["accuracy"]["rows"]
+    assert along["name"] == "along" and along["of"]["median"] < 0.1 and len(along["within"]) == 3
+    ended = localize("--json", "--half-width", "0.12", "--wider", "0", out="b.csv")
+    told = json.loads(ended.out)
+    statuses = told["not_localized"]
+    assert ended.code == 1 and sum(each["epochs"] for each in statuses.values()) == 4 - told["localized"] > 0
+    assert all(each["explanation"].endswith(".") for each in statuses.values())
+    assert told["alternative"] is not None
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """`maxcon relocalize`: a drive is found without its prior; what cannot work is one line."""
 
+import json
 import math
 
 import numpy as np
@@ -40,7 +41,10 @@ def test_a_drive_is_found_without_its_prior_and_gone_on_with(relocalize, drive, 
         assert float(row["protection_along"]) < 0.5
     assert len(read_trajectory(tum).times) == 4
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:4]))
-    assert relocalize("-o", table, "--resume", "--threads", "2").code == 0
+    ended = relocalize("-o", table, "--resume", "--threads", "2", "--json")
+    told = json.loads(ended.out)
+    assert (ended.code, told["epochs"], told["epochs_before"]) == (0, 1, 3)
+    assert told["searched"].startswith("searched without a prior: the whole map")
     assert rows_of(table) == rows
 
 

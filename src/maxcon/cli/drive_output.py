@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from statistics import median
@@ -124,13 +125,20 @@ def _method_of(drive: OpenedDrive, epoch: EpochEstimate) -> MaximumConsensus:
 
 @dataclass
 class TableOfDrive:
-    """POSES.csv of a drive while it grows, and what is said of it in the end."""
+    """POSES.csv of a drive while it grows, and what is said of it in the end: sentences, or their facts as JSON."""
 
     out: Path
     options: TableOptions
     times: NDArray[np.float64]  # of the scans, s
     is_track: bool = False
     epochs: list[EpochEstimate] = field(default_factory=list)  # those of this call, without their points
+    facts: dict[str, Any] = field(default_factory=dict)  # that were said
+
+    def say(self, *lines: str, **facts: Any) -> None:
+        """Print the lines that are not empty, unless their facts are printed in the end instead."""
+        self.facts |= facts
+        for line in () if self.options.is_json else filter(None, lines):
+            typer.echo(line)
 
     @cached_property
     def there(self) -> RowsThere:
@@ -163,7 +171,9 @@ class TableOfDrive:
                 raise FileError(self.epochs[0].reason)
 
     def end(self) -> None:
-        """Exit with 1 unless every epoch is localized; of a track every one from the first that is."""
+        """Print the facts, if asked; exit with 1 unless all epochs are localized, of a track from the first that is."""
+        if self.options.is_json:
+            typer.echo(json.dumps(self.facts, allow_nan=False))
         are_localized = [epoch.pose_global is not None for epoch in self.epochs]
         if self.is_track and any(are_localized):
             is_whole = all(are_localized[are_localized.index(True) :])
@@ -183,52 +193,63 @@ class TableOfDrive:
             is_any = self.there.n_localized or any(epoch.pose_global is not None for epoch in self.epochs)
             trajectory = read_trajectory(self.out) if is_any else None
         if trajectory is None:
-            typer.echo(f"no pose to write: {tum} is not written")
+            self.say(f"no pose to write: {tum} is not written")
         else:
             write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
+            self.say(tum=str(tum))
 
     def print_summary(self, map_: Path | str, searched: str, left_out: tuple[str, ...] = ()) -> None:
         """Say how many epochs are localized, in which time and searched where, and why the others are not."""
-        there, epochs = self.there, self.epochs
+        there, epochs, say = self.there, self.epochs, self.say
+        n_localized = sum(epoch.pose_global is not None for epoch in epochs)
+        say(
+            poses=str(self.out), epochs=len(epochs), localized=n_localized, epochs_before=there.n_rows,
+            localized_before=there.n_localized,
+        )  # fmt: skip
         if there.n_rows and not epochs:
-            typer.echo(
+            say(
                 f"all {there.n_rows} epochs were in {self.out} already, {there.n_localized} of them localized."
                 " Nothing was done: inputs and options of this call had no effect; --overwrite makes the table"
                 " anew with them"
             )
             return
         taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
-        time = f", median {median(taken):.0f} ms" if taken else ""
-        others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
-        typer.echo(f"{len(epochs) - others.total()} of {len(epochs)} epochs localized{time}; written to {self.out}")
+        milliseconds = median(taken) if taken else None
+        time = f", median {milliseconds:.0f} ms" if taken else ""
+        say(f"{n_localized} of {len(epochs)} epochs localized{time}; written to {self.out}", median_ms=milliseconds)
         if there.n_rows:
-            typer.echo(
+            say(
                 f"behind {there.n_rows} that were there, {there.n_localized} of them localized, with inputs and"
                 " options of their own call"
             )
         first = next((number for number, epoch in enumerate(epochs) if epoch.pose_global is not None), 0)
         if self.is_track and first:
-            typer.echo(f"the track begins with epoch {epochs[first].epoch}: before, its place was not known")
+            begin = epochs[first].epoch
+            say(f"the track begins with epoch {begin}: before, its place was not known", track_begins=begin)
         if left_out:
-            typer.echo(f"{len(left_out)} rows of the prior are left out; the first: {left_out[0]}")
-        for words in filter(None, (searched, assumed_words(read_manifest(map_)))):
-            typer.echo(words)
+            words = f"{len(left_out)} rows of the prior are left out; the first: {left_out[0]}"
+            say(words, prior_rows_left_out=len(left_out))
+        assumed = assumed_words(read_manifest(map_))
+        say(searched, assumed, searched=searched, assumed=assumed)
         n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
         n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
         n_repeated = sum(epoch.raw.n_dropped_duplicates for epoch in epochs)
-        if n_invalid or n_out_of_range or n_repeated:
-            repeated = f", {n_repeated:,} that come twice" if n_repeated else ""
-            typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range{repeated}")
+        repeated = f", {n_repeated:,} that come twice" if n_repeated else ""
+        words = f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range{repeated}"
+        counts = {"no_returns": n_invalid, "out_of_range": n_out_of_range, "repeated": n_repeated}
+        say(words if any(counts.values()) else "", points_left_out=counts)
         widened = [epoch.epoch for epoch in epochs if epoch.estimate is not None and epoch.estimate.was_widened]
-        if n := len(widened):
-            named = f"epoch{'s' * (n > 1)} {', '.join(map(str, widened[:5]))}{', ...' if n > 5 else ''}"
-            typer.echo(f"{n} {'was' if n == 1 else 'were'} in doubt and searched for farther around: {named}")
-        for status, number in sorted(others.items()):
-            typer.echo(f"{number} {status.value}: {status.explanation}")
-        doubtful = [epoch for epoch in epochs if epoch.reason]
-        if doubtful:
-            number, reason = doubtful[0].epoch, doubtful[0].reason
-            typer.echo(f"{len(doubtful)} have a reason beside them; the first, epoch {number}: {reason}")
+        n = len(widened)
+        named = f"epoch{'s' * (n > 1)} {', '.join(map(str, widened[:5]))}{', ...' if n > 5 else ''}"
+        words = f"{n} {'was' if n == 1 else 'were'} in doubt and searched for farther around: {named}"
+        say(words if n else "", widened=widened)
+        others = sorted(Counter(epoch.status for epoch in epochs if epoch.pose_global is None).items())
+        explained = {status.value: {"epochs": number, "explanation": status.explanation} for status, number in others}
+        say(*(f"{number} {status.value}: {status.explanation}" for status, number in others), not_localized=explained)
+        reasons = {epoch.epoch: epoch.reason for epoch in epochs if epoch.reason}
+        for number, reason in list(reasons.items())[:1]:
+            say(f"{len(reasons)} have a reason beside them; the first, epoch {number}: {reason}")
+        say(reasons=reasons)
 
 
 def searched_words(drive: OpenedDrive, epochs: list[EpochEstimate]) -> str:
@@ -262,7 +283,7 @@ def _range(values: list[float], unit: str) -> str:
 
 
 def report_drive(
-    page: Path | None, out: Path, drive: OpenedDrive, reference: Trajectory | None, assumed: dict[str, str]
+    page: Path | None, table: TableOfDrive, drive: OpenedDrive, reference: Trajectory | None, assumed: dict[str, str]
 ) -> None:
     """Say how far all rows of its table are from a reference, and write the page of a drive, where there is one."""
     prior, entry = drive.prior.trajectory, drive.entry
@@ -273,38 +294,41 @@ def report_drive(
         "Rough poses": f"{drive.opener.recording.at or entry.prior or entry.scans}",
         **assumed,
     }  # fmt: skip
-    reported = ReportedDrive(read_rows(out), drive.point_map, drive.scans, drive.opener.drive, prior, reference)
+    reported = ReportedDrive(read_rows(table.out), drive.point_map, drive.scans, drive.opener.drive, prior, reference)
     if reference is not None:
-        _print_accuracy(reported.accuracy())
+        _say_accuracy(reported.accuracy(), table)
     if page is not None:
         write_drive_page(page, reported, f"{entry.scans.name} in {Path(entry.map).name}", facts)
-        typer.echo(f"a page of it: {page}")
+        table.say(f"a page of it: {page}", report=str(page))
 
 
-def _print_accuracy(found: dict[str, Any]) -> None:
-    if not found["n"]:
-        typer.echo("from the reference: no localized scan has a pose there; are its times those of the scans?")
+def _say_accuracy(found: dict[str, Any], table: TableOfDrive) -> None:
+    rows = found.pop("rows") if found["n"] else []
+    errors = [{**row, "of": asdict(row["of"]), "within": [*filter(math.isfinite, row["within"])]} for row in rows]
+    table.say(accuracy={**found, "rows": errors})
+    if not rows:
+        table.say("from the reference: no localized scan has a pose there; are its times those of the scans?")
         return
-    typer.echo(
+    table.say(
         f"from the reference: {found['n']} localized scans, {found['n_wrong']} farther than {SUCCESS_WORDS}; protection"
         f" level exceeded in {found['n_beyond']} of {found['n_levels']}"
     )
-    for row in found["rows"]:
+    for row in rows:
         of, unit = row["of"], "degrees" if row["unit"] == "°" else row["unit"]
         shares, promised = (" ".join(f"{100.0 * one:.0f}" for one in each) for each in (row["within"], PROMISED))
         within = f"; within 1, 2, 3 sigma {shares} % (promised {promised})" if shares else ""
-        typer.echo(f"  {row['name']:<8} median {of.median:.3f}, 95 % {of.p95:.3f}, worst {of.worst:.3f} {unit}{within}")
+        table.say(f"  {row['name']:<8} median {of.median:.3f}, 95 % {of.p95:.3f}, worst {of.worst:.3f} {unit}{within}")
 
 
-def print_alternative(drive: OpenedDrive, epochs: list[EpochEstimate]) -> None:
+def say_alternative(drive: OpenedDrive, table: TableOfDrive) -> None:
     """Say how high the prior lies above the ground, and what it or scans would have to mean to fit better."""
-    priors = np.array([epoch.prior.position for epoch in epochs if epoch.prior is not None]).reshape(-1, 3)
+    priors = np.array([epoch.prior.position for epoch in table.epochs if epoch.prior is not None]).reshape(-1, 3)
     fits = alternative_that_fits(
-        drive.point_map, drive.scans, epochs, drive.searching, drive.opener.drive,
+        drive.point_map, drive.scans, table.epochs, drive.searching, drive.opener.drive,
         has_angles=drive.entry.prior is not None and drive.entry.prior.suffix.lower() == ".csv",
     )  # fmt: skip
-    for words in filter(None, (heights_in_words(above_ground(drive.point_map, priors)), fits)):
-        typer.echo(words)
+    height = heights_in_words(above_ground(drive.point_map, priors))
+    table.say(height, fits, height_of_prior=height, alternative=fits)
 
 
 def printed(drive: Iterator[EpochEstimate]) -> Iterator[EpochEstimate]:

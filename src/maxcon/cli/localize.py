@@ -6,8 +6,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import typer
-
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
 from maxcon.cli.options import (
     AtStamp,
@@ -110,6 +108,7 @@ def localize(
             "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": files.times,
             "--tum": table.tum, "--plot": pictures.plot, "--report": pictures.report, "--resume": table.resume,
             "--reference": pictures.reference, "--view or --save": view.is_wanted, "--overwrite": table.overwrite,
+            "--json": table.is_json,
         }  # fmt: skip
         check_exclusive({"--drives, where a table names files and a call goes on,": True}, of_one)
         drive_output.localize_many(files.drives, files.map_folder, files.out, opener, engine, quiet)
@@ -136,19 +135,18 @@ def localize(
     scored = [partial(drive_output.scores_of, drive)] if view.scores else []
     with view.shown(started, drive.point_map, drive.prior.trajectory.positions[0], *scored) as shown:
         localized.write(shown, quiet, draw)
-    for line in drive.words:
-        typer.echo(line)
+    localized.say(*drive.words, inputs=drive.words)
     searched = drive_output.searched_words(drive, localized.epochs)
     localized.print_summary(drive.entry.map, searched, drive.prior.left_out)
     if not there.n_localized:
-        drive_output.print_alternative(drive, localized.epochs)
+        drive_output.say_alternative(drive, localized)
     localized.write_tum()
     if pictures.report is not None or reference is not None:
         reach = f"{drive.method.space.half_width:g} m and {drive.method.space.heading_half_width_deg:g} degrees around"
         if motion.track:
             reach = f"tracked, within {reach} the prior"
         assumed = {"Searched": searched or reach, "Risk of a protection level": f"{certainty.risk:g} per scan"}
-        drive_output.report_drive(pictures.report, out, drive, reference, assumed)
+        drive_output.report_drive(pictures.report, localized, drive, reference, assumed)
     localized.end()
 
 
@@ -214,7 +212,7 @@ def relocalize(
     from maxcon.relocalization import Relocalizer
 
     out = files.out
-    of_table = {"--resume": table.resume, "--overwrite": table.overwrite, "--tum": table.tum}
+    of_table = {"--resume": table.resume, "--overwrite": table.overwrite, "--tum": table.tum, "--json": table.is_json}
     check_needs(of_table, {"--out POSES.csv": out})
     view.check(resume=table.resume)
     if out is not None:

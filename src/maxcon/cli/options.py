@@ -217,6 +217,7 @@ class TableOptions(OptionGroup, title="Output"):
     resume: bool = flag(False, "Go on with POSES.csv where a call that was stopped ended.")
     overwrite: bool = flag(False, "Replace POSES.csv, if it is there.")
     tum: Path | None = flag(None, "Also write the localized poses as TUM.", metavar="FILE")
+    is_json: bool = flag(False, "Print the summary as one JSON object instead of sentences.", "--json")
 
     def __post_init__(self) -> None:
         check_exclusive({"--resume": self.resume}, {"--overwrite": self.overwrite})
