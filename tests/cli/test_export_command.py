@@ -5,6 +5,7 @@ import re
 import shutil
 
 import laspy
+import numpy as np
 import pytest
 
 
@@ -50,6 +51,17 @@ def test_a_file_is_replaced_only_if_asked(maxcon, refused, poses, tmp_path, name
     assert maxcon(*export).code == 0
     refused(maxcon(*export), "not to exist yet", "--overwrite")
     assert maxcon(*export, "--overwrite").code == 0
+
+
+def test_scans_lie_in_the_map(maxcon, poses, drive, tmp_path):
+    ended = maxcon("export", poses, "-o", tmp_path / "a.laz", "--map", drive.city, "--scans", drive.dataset.scans)
+    assert (ended.code, ended.err) == (0, "")
+    cloud = laspy.read(tmp_path / "a.laz")
+    assert f"4 of 4 epochs have a pose, {len(cloud.points):,} points; written to" in ended.out
+    matched, distances = np.asarray(cloud["matched"]), np.asarray(cloud["distance"])
+    assert 0.3 < matched.mean() < 0.99 and set(matched.tolist()) == {0, 1}
+    assert np.array_equal(np.isfinite(distances), matched == 1)
+    assert np.median(distances[matched == 1]) < 0.05
 
 
 def test_a_drive_of_many_is_exported_by_its_name(maxcon, refused, poses, drive, tmp_path):

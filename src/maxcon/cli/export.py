@@ -22,7 +22,8 @@ class ExportOptions(OptionGroup):
 
     out: File to write: .geojson, .gpkg (extra export), .kml, .mcap (extra recordings), .rrd (extra view), .tum, .kitti,
         or .csv with degrees; with --scans .laz or .las.
-    map_folder: The map the poses are in: tells the CRS; .mcap and .rrd show it.
+    map_folder: The map the poses are in: tells the CRS; .mcap and .rrd show it, and points in .laz and .las have their
+        distance from it.
     scans: The scans of the drive, placed in the map: all points as LAZ, thinned in .mcap, .rrd.
     """
 
@@ -67,7 +68,7 @@ def export(what: ExportOptions, ranges: RangeOptions) -> None:
     if what.scans is not None:
         scans = open_scans(what.scans, what.times, topic=what.topic, at_stamp=what.at_stamp)
     if scans is not None and suffix in SCAN_SUFFIXES:
-        rows, n_points = export_scans(table, out, scans, crs, **vars(ranges))
+        rows, n_points = export_scans(table, out, scans, crs, point_map=point_map, **vars(ranges))
         points = f", {n_points:,} points"
     else:
         rows = export_poses(table, out, crs, point_map=point_map, scans=scans, has_scores=what.scores, **vars(ranges))

@@ -58,11 +58,14 @@ def export_poses(
 
 def export_scans(
     table: str | os.PathLike[str], out: str | os.PathLike[str], scans: Scans, crs: str | None, *,
-    min_range: float = 1.0, max_range: float = 120.0,
+    point_map: PointMap | None = None, min_range: float = 1.0, max_range: float = 120.0,
 ) -> tuple[list[PoseRow], int]:  # fmt: skip
-    """Write the scans of the localized epochs, placed in the map, as LAZ or LAS; return rows and how many points."""
+    """Write the scans of the localized epochs, placed in the map, as LAZ or LAS; return rows and how many points.
+
+    With a map, points have dimensions `matched` (0 or 1) and `distance` from its planes, m, NaN where not matched.
+    """
     rows, crs = _rows_to_export(table, Path(out).suffix.lower(), SCAN_SUFFIXES, crs)
-    return rows, write_placed_scans(Path(out), rows, scans, crs, min_range, max_range)
+    return rows, write_placed_scans(Path(out), rows, scans, crs, point_map, min_range, max_range)
 
 
 def check_suffix(suffix: str, suffixes: tuple[str, ...] = (*EXPORT_SUFFIXES, *SCAN_SUFFIXES)) -> None:

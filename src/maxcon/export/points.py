@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Points for CloudCompare, QGIS and the like: scans of a drive placed in the map, and a map, as LAZ, LAS or PLY."""
 
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,20 +14,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon._system import Progress
 from maxcon._system.atomic import atomic_file
+from maxcon.drive.localize import scan_of
 from maxcon.errors import OptionError, TrajectoryError
 from maxcon.export.pose_rows import PoseRow
-from maxcon.geometry import LocalFrame
+from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.clouds.laz import laz_as_os_error
 from maxcon.io.crs import metric_crs
 from maxcon.io.raw_scan import nearest_in_time
 from maxcon.io.scans import Scans
+from maxcon.map import PointMap
 from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import Manifest, read_manifest
 from maxcon.map.storage import open_storage
 from maxcon.map.store import stored_ground, stored_tiles
 from maxcon.map.tile import VoxelTile
+from maxcon.refine.adjustment import LEAST_COSINE, table_around
+from maxcon.scan import Scan
 
 SCAN_SUFFIXES = (".laz", ".las")  # of scans placed in the map
+MATCHED = 0.3  # so near a plane of the map a point is matched, m
 RESOLUTION = 0.001  # of the stored coordinates, m
 SAME_TIME = 1e-3
 MAX_SOURCES = 2**16
@@ -40,18 +46,36 @@ _PLY_TYPES = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
 
 
 def write_placed_scans(
-    path: Path, rows: Sequence[PoseRow], scans: Scans, crs: str | None, min_range: float, max_range: float
+    path: Path, rows: Sequence[PoseRow], scans: Scans, crs: str | None, point_map: PointMap | None, *ranges: float
 ) -> int:
     """Write the points of all localized epochs in the map's frame, one epoch in memory; return how many they are."""
     epochs = [(row, scan_of_row(row, scans), row.pose) for row in rows if row.pose is not None]
     n_points = 0
-    with las_writer(path, epochs[0][2].position, crs) as write:
+    extra = () if point_map is None else (("matched", np.uint8), ("distance", np.float32))
+    with las_writer(path, epochs[0][2].position, crs, extra) as write:
         for row, epoch, pose in epochs:
-            raw = scans.read(epoch, min_range, max_range)
+            raw = scans.read(epoch, *ranges)
             times = row.time + (np.zeros(len(raw.points)) if raw.point_times is None else raw.point_times)
-            write(pose.apply(raw.points), gps_time=times, point_source_id=epoch % MAX_SOURCES)
+            fields = {}
+            if point_map is not None:
+                distances = _distances(scan_of(raw), point_map, point_map.frame.pose_to_local(pose))
+                fields = {"matched": np.isfinite(distances), "distance": distances}
+            write(pose.apply(raw.points), gps_time=times, point_source_id=epoch % MAX_SOURCES, **fields)
             n_points += len(raw.points)
     return n_points
+
+
+def _distances(scan: Scan, point_map: PointMap, pose: Pose) -> NDArray[np.float64]:
+    """Distances, shape (n,), m, of the points of a scan from planes of the map; NaN beyond `MATCHED`."""
+    from maxcon.refine import partner_kernels
+
+    planes, steps = np.zeros((len(scan), 4)), math.ceil(MATCHED / point_map.cell)
+    partner_kernels.find_partners(
+        scan.points, scan.normals, pose.values, 1, point_map.cell, (steps, steps), LEAST_COSINE, point_map.is_signed,
+        table_around(scan, point_map, [pose]), planes,
+    )  # fmt: skip
+    distances = np.abs(planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(scan.points)))
+    return np.where(planes[:, :3].any(axis=1) & (distances < MATCHED), distances, np.nan)
 
 
 @contextmanager
