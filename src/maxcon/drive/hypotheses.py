@@ -87,7 +87,7 @@ class Hypothesis:
     @property
     def is_contradicted(self) -> bool:
         """Whether the last scan speaks against this place: it misses more than what hides a part of the map."""
-        if self.n_refused == 0 or self.estimate is None:
+        if self.estimate is None:
             return False
         is_against = self.estimate.status in (Status.MISFIT, Status.AT_RIM, Status.AMBIGUOUS)
         return is_against or self.estimate.share < LEAST_OF_USUAL * self.usual_share

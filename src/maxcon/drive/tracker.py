@@ -39,6 +39,8 @@ RATIO_AT_FIRST = 0.5
 NEWCOMER = 0.1
 # Of several places the best is not believed before all others are worth less than this; then it is for longer.
 TOLD_APART = 0.5
+# At the right place a scan matches no less than so much of what others of its drive do (but 2 of 9,950 pairs).
+LEAST_OF_BEFORE = 0.5
 WIDER = 3.0  # A scan that fits best at the rim of its window is compared again in one of so many times its width
 WALKING_PACE = 1.0  # A vehicle that stands looks widely as often as one that walks, m/s
 UNKNOWN = np.diag([np.inf, np.inf])
@@ -99,6 +101,7 @@ class Tracker:
         self._way = math.inf  # since a scan was last compared with all hypotheses, m
         self._unchecked = math.inf  # since the whole search space was last looked at, m
         self._was_localized = False
+        self._usual_share = 0.0  # of their points that scans matched where the track was last localized
         self._outside = 0.0  # since the track was last seen in the prior's search space, m
         self.put_off: Callable[[], None] | None = None
         self.searched = 0.0
@@ -251,8 +254,10 @@ class Tracker:
         best = self._hypotheses[0]
         place = best.predicted(self.noise)
         rival = self._hypotheses[1].evidence if len(self._hypotheses) > 1 else 0.0
-        status, reason = self._judged(best, place, rival)
+        status, reason = self._judged(best, place, rival, has_prior=prior is not None)
         self._was_localized = status is Status.LOCALIZED
+        if self._was_localized:
+            self._usual_share = best.usual_share
         estimate = best.estimate or Estimate(place.pose, 0.0, None, status, UNKNOWN)
         # The error of the map is the same from scan to scan: the filter cannot have averaged it out.
         covariance = place.covariance + map_covariance(point_map.sigma)
@@ -266,7 +271,7 @@ class Tracker:
             reason="; ".join(filter(None, [reason, estimate.reason])), covariance=covariance, protection_level=level,
         )  # fmt: skip
 
-    def _judged(self, best: Hypothesis, place: UncertainPose, rival: float) -> tuple[Status, str]:
+    def _judged(self, best: Hypothesis, place: UncertainPose, rival: float, *, has_prior: bool) -> tuple[Status, str]:
         """Status of the best hypothesis, and the reason beside it."""
         options = self.options
         why = Status.LOST if best.estimate is None or best.n_refused == 0 else best.estimate.status
@@ -278,6 +283,9 @@ class Tracker:
         if best.agreement < options.least_agreement:
             needed = f"{best.agreement:.2f}, {options.least_agreement:g} is needed"
             return why, f"too few scans agree with this place so far: their matched fractions sum to {needed}"
+        if not has_prior and best.usual_share < LEAST_OF_BEFORE * self._usual_share:
+            matched = f"{best.usual_share:.0%} of the points match here, {self._usual_share:.0%} did before"
+            return why, f"{matched}: without a prior this may be another place alike"
         if place.sigma > options.largest_sigma:
             return why, f"known to {place.sigma:.2f} m only"
         if best.is_contradicted:
