@@ -231,7 +231,7 @@ def test_a_scan_that_shows_nothing_of_the_place_is_not_localized(street, method)
     assert again[-1][1].is_localized and wrong(again) == []
 
 
-def test_a_place_alike_that_matches_far_less_than_before_needs_a_prior(street, method):
+def test_a_place_alike_that_motion_does_not_lead_to_needs_a_prior(street, method):
     """After it was carried away, a vehicle sees by a quarter of its points what fits some metres beside the track."""
 
     def seen(x):

@@ -60,6 +60,7 @@ class Hypothesis:
     agreement: float = 0.0
     n_refused: int = 0  # scans in a row that did not, up to now
     estimate: Estimate | None = None  # what the search around it answered last
+    is_elsewhere: bool = False  # where motion does not lead from where the track was localized, and no prior since
     usual_share: float = 0.0  # of their points that scans matched here, averaged over the last ones that agreed
 
     def moved(self, motion: Motion) -> "Hypothesis":

@@ -39,8 +39,6 @@ RATIO_AT_FIRST = 0.5
 NEWCOMER = 0.1
 # Of several places the best is not believed before all others are worth less than this; then it is for longer.
 TOLD_APART = 0.5
-# At the right place a scan matches no less than so much of what others of its drive do (but 2 of 9,950 pairs).
-LEAST_OF_BEFORE = 0.5
 WIDER = 3.0  # A scan that fits best at the rim of its window is compared again in one of so many times its width
 WALKING_PACE = 1.0  # A vehicle that stands looks widely as often as one that walks, m/s
 UNKNOWN = np.diag([np.inf, np.inf])
@@ -101,7 +99,7 @@ class Tracker:
         self._way = math.inf  # since a scan was last compared with all hypotheses, m
         self._unchecked = math.inf  # since the whole search space was last looked at, m
         self._was_localized = False
-        self._usual_share = 0.0  # of their points that scans matched where the track was last localized
+        self._has_begun = False  # whether the track was ever localized: then motion says where it can be
         self._outside = 0.0  # since the track was last seen in the prior's search space, m
         self.put_off: Callable[[], None] | None = None
         self.searched = 0.0
@@ -139,6 +137,13 @@ class Tracker:
         weighted = weighed(compared, math.inf if is_new else self._way)
         self._hypotheses = ranked(weighted, self.noise, self._guard_radius)
         self._way = 0.0
+        if prior is not None:
+            self._hypotheses = [
+                replace(
+                    each, is_elsewhere=each.is_elsewhere and not self._is_inside(each.predicted(self.noise).pose, prior)
+                )
+                for each in self._hypotheses
+            ]
         if prior is None or (self.prediction is not None and self._is_inside(self.prediction.pose, prior)):
             self._outside = 0.0
         if self._hypotheses and self._unchecked >= self.options.check_distance:
@@ -193,15 +198,14 @@ class Tracker:
     def _inheriting(self, parent: Hypothesis, found: list[Hypothesis]) -> list[Hypothesis]:
         """Return new hypotheses with the evidence of the one they follow, where its prediction allows them."""
         predicted = parent.predicted(self.noise)
-        reach = self._window(predicted).half_width if parent.n_refused == 0 else 0.0
-        return [
-            replace(
-                each,
-                evidence=parent.evidence,
-                agreement=parent.agreement if distance(each.anchor, predicted) <= reach else 0.0,
-            )
-            for each in found
-        ]
+        reach = self._window(predicted).half_width
+        inheriting = []
+        for each in found:
+            is_within = distance(each.anchor, predicted) <= reach
+            agreement = parent.agreement if is_within and parent.n_refused == 0 else 0.0
+            is_elsewhere = parent.is_elsewhere or (self._has_begun and not is_within)
+            inheriting.append(replace(each, evidence=parent.evidence, agreement=agreement, is_elsewhere=is_elsewhere))
+        return inheriting
 
     def _followed(self, hypothesis: Hypothesis, scan: Scan, point_map: PointMap, prior: Pose | None) -> Hypothesis:
         """Compare a scan with the map around the prediction of a hypothesis."""
@@ -240,7 +244,10 @@ class Tracker:
         newcomers = []
         for each in found:
             worth = 1.0 if is_open or each.evidence * ratio >= own else NEWCOMER
-            newcomers.append(replace(each, evidence=worth * min(1.0, each.evidence / own)))
+            is_apart = distance(each.anchor, here) > self._guard_radius
+            is_elsewhere = self._hypotheses[0].is_elsewhere or (self._has_begun and is_apart)
+            evidence = worth * min(1.0, each.evidence / own)
+            newcomers.append(replace(each, evidence=evidence, is_elsewhere=is_elsewhere and prior is None))
         self._hypotheses = ranked([*self._hypotheses, *newcomers], self.noise, self._guard_radius)
         self._unchecked = 0.0
 
@@ -254,10 +261,9 @@ class Tracker:
         best = self._hypotheses[0]
         place = best.predicted(self.noise)
         rival = self._hypotheses[1].evidence if len(self._hypotheses) > 1 else 0.0
-        status, reason = self._judged(best, place, rival, has_prior=prior is not None)
+        status, reason = self._judged(best, place, rival)
         self._was_localized = status is Status.LOCALIZED
-        if self._was_localized:
-            self._usual_share = best.usual_share
+        self._has_begun |= self._was_localized
         estimate = best.estimate or Estimate(place.pose, 0.0, None, status, UNKNOWN)
         # The error of the map is the same from scan to scan: the filter cannot have averaged it out.
         covariance = place.covariance + map_covariance(point_map.sigma)
@@ -271,7 +277,7 @@ class Tracker:
             reason="; ".join(filter(None, [reason, estimate.reason])), covariance=covariance, protection_level=level,
         )  # fmt: skip
 
-    def _judged(self, best: Hypothesis, place: UncertainPose, rival: float, *, has_prior: bool) -> tuple[Status, str]:
+    def _judged(self, best: Hypothesis, place: UncertainPose, rival: float) -> tuple[Status, str]:
         """Status of the best hypothesis, and the reason beside it."""
         options = self.options
         why = Status.LOST if best.estimate is None or best.n_refused == 0 else best.estimate.status
@@ -283,9 +289,8 @@ class Tracker:
         if best.agreement < options.least_agreement:
             needed = f"{best.agreement:.2f}, {options.least_agreement:g} is needed"
             return why, f"too few scans agree with this place so far: their matched fractions sum to {needed}"
-        if not has_prior and best.usual_share < LEAST_OF_BEFORE * self._usual_share:
-            matched = f"{best.usual_share:.0%} of the points match here, {self._usual_share:.0%} did before"
-            return why, f"{matched}: without a prior this may be another place alike"
+        if best.is_elsewhere:
+            return why, "the motion does not lead here: without a prior this may be another place alike"
         if place.sigma > options.largest_sigma:
             return why, f"known to {place.sigma:.2f} m only"
         if best.is_contradicted:
