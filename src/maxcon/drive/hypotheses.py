@@ -60,7 +60,8 @@ class Hypothesis:
     agreement: float = 0.0
     n_refused: int = 0  # scans in a row that did not, up to now
     estimate: Estimate | None = None  # what the search around it answered last
-    is_elsewhere: bool = False  # where motion does not lead from where the track was localized, and no prior since
+    # Way over which scans have yet to agree, m: where motion does not lead from where the track was localized
+    unproven: float = 0.0
     usual_share: float = 0.0  # of their points that scans matched here, averaged over the last ones that agreed
 
     def moved(self, motion: Motion) -> "Hypothesis":
@@ -82,7 +83,7 @@ class Hypothesis:
         usual = USUAL_LASTS * (self.usual_share or estimate.share) + (1.0 - USUAL_LASTS) * estimate.share
         return replace(
             self, anchor=anchor, motion=STANDSTILL, agreement=agreement, n_refused=0, estimate=estimate,
-            usual_share=usual,
+            usual_share=usual, unproven=max(0.0, self.unproven - self.motion.distance),
         )  # fmt: skip
 
     @property

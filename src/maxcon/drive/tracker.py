@@ -39,6 +39,9 @@ RATIO_AT_FIRST = 0.5
 NEWCOMER = 0.1
 # Of several places the best is not believed before all others are worth less than this; then it is for longer.
 TOLD_APART = 0.5
+# A place so far from the prediction, m, and out of its window, is one that motion does not lead to: scans have to agree
+# over so much of the way, m, unless a prior is near.
+PROVEN, APART = 25.0, 3.0
 WIDER = 3.0  # A scan that fits best at the rim of its window is compared again in one of so many times its width
 WALKING_PACE = 1.0  # A vehicle that stands looks widely as often as one that walks, m/s
 UNKNOWN = np.diag([np.inf, np.inf])
@@ -138,11 +141,10 @@ class Tracker:
         self._hypotheses = ranked(weighted, self.noise, self._guard_radius)
         self._way = 0.0
         if prior is not None:
+            near = [self._is_inside(each.predicted(self.noise).pose, prior) for each in self._hypotheses]
             self._hypotheses = [
-                replace(
-                    each, is_elsewhere=each.is_elsewhere and not self._is_inside(each.predicted(self.noise).pose, prior)
-                )
-                for each in self._hypotheses
+                replace(each, unproven=0.0) if is_near else each
+                for each, is_near in zip(self._hypotheses, near, strict=True)
             ]
         if prior is None or (self.prediction is not None and self._is_inside(self.prediction.pose, prior)):
             self._outside = 0.0
@@ -203,8 +205,9 @@ class Tracker:
         for each in found:
             is_within = distance(each.anchor, predicted) <= reach
             agreement = parent.agreement if is_within and parent.n_refused == 0 else 0.0
-            is_elsewhere = parent.is_elsewhere or (self._has_begun and not is_within)
-            inheriting.append(replace(each, evidence=parent.evidence, agreement=agreement, is_elsewhere=is_elsewhere))
+            is_led_to = distance(each.anchor, predicted) <= max(reach, APART)
+            unproven = parent.unproven if is_led_to or not self._has_begun else PROVEN
+            inheriting.append(replace(each, evidence=parent.evidence, agreement=agreement, unproven=unproven))
         return inheriting
 
     def _followed(self, hypothesis: Hypothesis, scan: Scan, point_map: PointMap, prior: Pose | None) -> Hypothesis:
@@ -244,10 +247,10 @@ class Tracker:
         newcomers = []
         for each in found:
             worth = 1.0 if is_open or each.evidence * ratio >= own else NEWCOMER
-            is_apart = distance(each.anchor, here) > self._guard_radius
-            is_elsewhere = self._hypotheses[0].is_elsewhere or (self._has_begun and is_apart)
+            is_apart = distance(each.anchor, here) > APART
+            unproven = PROVEN if self._has_begun and is_apart else self._hypotheses[0].unproven
             evidence = worth * min(1.0, each.evidence / own)
-            newcomers.append(replace(each, evidence=evidence, is_elsewhere=is_elsewhere and prior is None))
+            newcomers.append(replace(each, evidence=evidence, unproven=unproven if prior is None else 0.0))
         self._hypotheses = ranked([*self._hypotheses, *newcomers], self.noise, self._guard_radius)
         self._unchecked = 0.0
 
@@ -289,8 +292,9 @@ class Tracker:
         if best.agreement < options.least_agreement:
             needed = f"{best.agreement:.2f}, {options.least_agreement:g} is needed"
             return why, f"too few scans agree with this place so far: their matched fractions sum to {needed}"
-        if best.is_elsewhere:
-            return why, "the motion does not lead here: without a prior this may be another place alike"
+        if best.unproven > 0.0:
+            more = f"without a prior scans have to agree over {best.unproven:.0f} m more"
+            return why, f"the motion does not lead here, another place may be alike: {more}"
         if place.sigma > options.largest_sigma:
             return why, f"known to {place.sigma:.2f} m only"
         if best.is_contradicted:
