@@ -231,6 +231,28 @@ def test_a_scan_that_shows_nothing_of_the_place_is_not_localized(street, method)
     assert again[-1][1].is_localized and wrong(again) == []
 
 
+@pytest.mark.parametrize("prior", ["near", None])
+def test_a_place_alike_that_motion_does_not_lead_to_needs_a_prior_or_a_way_of_scans_that_agree(street, method, prior):
+    """After it was carried away, a vehicle sees by a quarter of its points what fits some metres beside the track."""
+
+    def seen(x):
+        alike, clutter = street.scan(where(x + 3.6), n_points=700), street.clutter(seed=round(x))
+        return Scan(*map(np.concatenate, ([alike.points, clutter.points], [alike.normals, clutter.normals])))
+
+    ride = Ride(Tracker(method), street)
+    answers(ride, np.arange(30.0, 38.0, 1.0))
+    found = [ride.to(x, scan=seen(x), prior=None) for x in np.arange(38.0, 52.0, 1.0)]
+    assert not any(estimate.is_localized for estimate in found)
+    assert "without a prior scans have to agree over " in found[-1].reason
+    assert is_right(found[-1].pose, 51.0 + 3.6)
+    if prior is not None:
+        assert ride.to(52.0, scan=seen(52.0), prior=prior_at(55.6)).is_localized
+        assert ride.to(53.0, scan=seen(53.0), prior=None).is_localized
+        return
+    later = [ride.to(x, scan=seen(x), prior=None) for x in np.arange(52.0, 68.0, 1.0)]
+    assert not later[0].is_localized and later[-1].is_localized
+
+
 def test_a_prior_that_stays_elsewhere_makes_a_track_lost_and_takes_it_back(street, method):
     ride = Ride(Tracker(method, options=TrackingOptions(patience=8.0)), street)
     answers(ride, np.arange(30.0, 40.0, 1.0))

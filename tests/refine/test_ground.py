@@ -152,6 +152,19 @@ def test_under_a_bridge_and_on_it():
     assert abs(fit.pose.z - above.z) < 0.05
 
 
+def test_a_ceiling_is_not_taken_for_the_floor_above_it():
+    """In a garage more cells show the ceiling, 25 cm below the next floor, than the floor between parked cars."""
+    x, y = (grid.ravel() for grid in np.meshgrid(*2 * [np.arange(-25.0, 25.0, 0.2)]))
+    floors = np.concatenate([np.column_stack([x, y, np.full(len(x), 2.8 * storey)]) for storey in range(3)])
+    storeys = PointMap.from_points(WALL, FACING, CELL, ground=floors)
+    truth = Pose(0.0, 0.0, 2.8 + HEIGHT, 0.0, 0.0, 0.0)
+    seen = scan_of(flat, replace(truth, z=HEIGHT)).points.copy()
+    seen[np.abs(seen[:, 1]) > 4.0, 2] += 2.55
+    for height in (0.0, 0.6, -0.6):
+        fit = fit_ground(Scan(seen), storeys, off_by(truth, height, 0.3, 0.2))
+        assert abs(fit.pose.z - truth.z) < 0.02
+
+
 def test_fences_below_and_reflections_do_not_pull_it_down(maps):
     pose = on(camber)
     scan = scan_of(camber, pose)

@@ -60,6 +60,8 @@ class Hypothesis:
     agreement: float = 0.0
     n_refused: int = 0  # scans in a row that did not, up to now
     estimate: Estimate | None = None  # what the search around it answered last
+    # Way over which scans have yet to agree, m: where motion does not lead from where the track was localized
+    unproven: float = 0.0
     usual_share: float = 0.0  # of their points that scans matched here, averaged over the last ones that agreed
 
     def moved(self, motion: Motion) -> "Hypothesis":
@@ -81,13 +83,13 @@ class Hypothesis:
         usual = USUAL_LASTS * (self.usual_share or estimate.share) + (1.0 - USUAL_LASTS) * estimate.share
         return replace(
             self, anchor=anchor, motion=STANDSTILL, agreement=agreement, n_refused=0, estimate=estimate,
-            usual_share=usual,
+            usual_share=usual, unproven=max(0.0, self.unproven - self.motion.distance),
         )  # fmt: skip
 
     @property
     def is_contradicted(self) -> bool:
         """Whether the last scan speaks against this place: it misses more than what hides a part of the map."""
-        if self.n_refused == 0 or self.estimate is None:
+        if self.estimate is None:
             return False
         is_against = self.estimate.status in (Status.MISFIT, Status.AT_RIM, Status.AMBIGUOUS)
         return is_against or self.estimate.share < LEAST_OF_USUAL * self.usual_share

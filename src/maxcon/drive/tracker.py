@@ -39,6 +39,9 @@ RATIO_AT_FIRST = 0.5
 NEWCOMER = 0.1
 # Of several places the best is not believed before all others are worth less than this; then it is for longer.
 TOLD_APART = 0.5
+# A place so far from the prediction, m, and out of its window, is one that motion does not lead to: scans have to agree
+# over so much of the way, m, unless a prior is near.
+PROVEN, APART = 25.0, 3.0
 WIDER = 3.0  # A scan that fits best at the rim of its window is compared again in one of so many times its width
 WALKING_PACE = 1.0  # A vehicle that stands looks widely as often as one that walks, m/s
 UNKNOWN = np.diag([np.inf, np.inf])
@@ -99,6 +102,7 @@ class Tracker:
         self._way = math.inf  # since a scan was last compared with all hypotheses, m
         self._unchecked = math.inf  # since the whole search space was last looked at, m
         self._was_localized = False
+        self._has_begun = False  # whether the track was ever localized: then motion says where it can be
         self._outside = 0.0  # since the track was last seen in the prior's search space, m
         self.put_off: Callable[[], None] | None = None
         self.searched = 0.0
@@ -136,6 +140,12 @@ class Tracker:
         weighted = weighed(compared, math.inf if is_new else self._way)
         self._hypotheses = ranked(weighted, self.noise, self._guard_radius)
         self._way = 0.0
+        if prior is not None:
+            near = [self._is_inside(each.predicted(self.noise).pose, prior) for each in self._hypotheses]
+            self._hypotheses = [
+                replace(each, unproven=0.0) if is_near else each
+                for each, is_near in zip(self._hypotheses, near, strict=True)
+            ]
         if prior is None or (self.prediction is not None and self._is_inside(self.prediction.pose, prior)):
             self._outside = 0.0
         if self._hypotheses and self._unchecked >= self.options.check_distance:
@@ -190,15 +200,15 @@ class Tracker:
     def _inheriting(self, parent: Hypothesis, found: list[Hypothesis]) -> list[Hypothesis]:
         """Return new hypotheses with the evidence of the one they follow, where its prediction allows them."""
         predicted = parent.predicted(self.noise)
-        reach = self._window(predicted).half_width if parent.n_refused == 0 else 0.0
-        return [
-            replace(
-                each,
-                evidence=parent.evidence,
-                agreement=parent.agreement if distance(each.anchor, predicted) <= reach else 0.0,
-            )
-            for each in found
-        ]
+        reach = self._window(predicted).half_width
+        inheriting = []
+        for each in found:
+            is_within = distance(each.anchor, predicted) <= reach
+            agreement = parent.agreement if is_within and parent.n_refused == 0 else 0.0
+            is_led_to = distance(each.anchor, predicted) <= max(reach, APART)
+            unproven = parent.unproven if is_led_to or not self._has_begun else PROVEN
+            inheriting.append(replace(each, evidence=parent.evidence, agreement=agreement, unproven=unproven))
+        return inheriting
 
     def _followed(self, hypothesis: Hypothesis, scan: Scan, point_map: PointMap, prior: Pose | None) -> Hypothesis:
         """Compare a scan with the map around the prediction of a hypothesis."""
@@ -237,7 +247,10 @@ class Tracker:
         newcomers = []
         for each in found:
             worth = 1.0 if is_open or each.evidence * ratio >= own else NEWCOMER
-            newcomers.append(replace(each, evidence=worth * min(1.0, each.evidence / own)))
+            is_apart = distance(each.anchor, here) > APART
+            unproven = PROVEN if self._has_begun and is_apart else self._hypotheses[0].unproven
+            evidence = worth * min(1.0, each.evidence / own)
+            newcomers.append(replace(each, evidence=evidence, unproven=unproven if prior is None else 0.0))
         self._hypotheses = ranked([*self._hypotheses, *newcomers], self.noise, self._guard_radius)
         self._unchecked = 0.0
 
@@ -253,6 +266,7 @@ class Tracker:
         rival = self._hypotheses[1].evidence if len(self._hypotheses) > 1 else 0.0
         status, reason = self._judged(best, place, rival)
         self._was_localized = status is Status.LOCALIZED
+        self._has_begun |= self._was_localized
         estimate = best.estimate or Estimate(place.pose, 0.0, None, status, UNKNOWN)
         # The error of the map is the same from scan to scan: the filter cannot have averaged it out.
         covariance = place.covariance + map_covariance(point_map.sigma)
@@ -278,6 +292,9 @@ class Tracker:
         if best.agreement < options.least_agreement:
             needed = f"{best.agreement:.2f}, {options.least_agreement:g} is needed"
             return why, f"too few scans agree with this place so far: their matched fractions sum to {needed}"
+        if best.unproven > 0.0:
+            more = f"without a prior scans have to agree over {best.unproven:.0f} m more"
+            return why, f"the motion does not lead here, another place may be alike: {more}"
         if place.sigma > options.largest_sigma:
             return why, f"known to {place.sigma:.2f} m only"
         if best.is_contradicted:

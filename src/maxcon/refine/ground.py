@@ -189,12 +189,14 @@ def _below_ground(scan: Scan, point_map: PointMap, pose: Pose) -> tuple[NDArray[
     """Lowest points of the scan's cells, about the sensor, (m, 3), and how far they lie below the map's ground, m.
 
     The pose's roll and pitch are applied. Of several levels of ground, the one that most points near the sensor are
-    nearest to.
+    nearest to; what is higher than the sensor may be a ceiling there, just below the next level.
     """
     from maxcon.refine import ground_kernels
 
     points = scan.lowest_points(pose.roll, pose.pitch) @ rotation_matrices(pose.roll, pose.pitch, 0.0).T
     patch = point_map.ground_around(pose.x, pose.y, FARTHEST_GROUND)
+    if len(patch.heights) > 1:
+        points = points[points[:, 2] < 0.0]
     corner = (patch.first[0] * patch.edge, patch.first[1] * patch.edge)
     turn = (math.cos(pose.heading), math.sin(pose.heading))
     below = np.empty(len(points))
