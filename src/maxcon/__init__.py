@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Maximum-consensus localization of LiDAR scans in dense point-cloud maps.
 
 Read: `PointMap` (a map: open, from_points; its `LocalFrame`), `open_scans` (`Scans` of a folder or a recording, each

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The best cell of a search space, by the search that suits the space and the objective, and how far it is trusted."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What can go wrong that the user can mend: one base class, few kinds (D9).
 
 Every message says what was expected, what came, and what to do about it.

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Estimate: what a method answers for one epoch, and in which words it fails."""
 
 from __future__ import annotations

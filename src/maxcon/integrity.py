@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Whether the best cell of a search may be trusted, in which word it may not, and what casts doubt on it."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Maximum-consensus localization: the page to read first.
 
 The paper's method in the order of the paper: every cell of a search space around the prior is a candidate

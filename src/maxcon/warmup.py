@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiling before the first real call: a tiny room is mapped and a scan localized in it, in every way there is.
 
 No kernel is named here: what the public functions call is compiled, also what they will call one day.

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Files and folders that appear whole or not at all: written in a temporary sibling, then renamed (D10)."""
 
 import json

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """TOML and JSON files, read within bounds of size and depth, and checked against a msgspec type, with our errors."""
 
 import json

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Workers of a dask cluster that somebody has started: found, watched, and left as they were."""
 
 import asyncio

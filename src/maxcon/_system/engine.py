@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Engine: where tasks are done (this process, several of this machine, a dask cluster), and in which order."""
 
 import multiprocessing

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled code: kept by the content of all kernels and their constants, which numba does not; told of when made."""
 
 import hashlib

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Files to read that are files: opening a FIFO waits for ever, and a device may have no end."""
 
 import errno

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Work that may be killed at any moment and gone on with: its folder, its table, and whether it is the same work."""
 
 import hashlib

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The version, at the bottom of the house where everybody may read it."""
 
 __version__ = "0.1.0"

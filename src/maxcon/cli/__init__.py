@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The command line: it parses, calls and prints; the work is done by importable functions."""
 
 import sys

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A drive opened as the options of `maxcon localize` say, in this process or in a worker: its inputs and its method."""
 
 from __future__ import annotations

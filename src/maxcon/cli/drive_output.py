@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a localized drive leaves: POSES.csv, begun or gone on with, pictures of its epochs, and a summary."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Groups of options: dataclasses whose fields become flags, under the group's title in the help; what excludes what."""
 
 import functools

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon simulate`, `demo`, `study` and `report`: the commands of the laboratory."""
 
 import math

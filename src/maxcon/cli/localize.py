@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon localize` and `maxcon relocalize`."""
 
 from dataclasses import replace

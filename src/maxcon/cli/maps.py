@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """`maxcon map build`, `align`, `georeference`, `update`, `info`, `copy` and `export`."""
 
 from collections.abc import Callable

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A node of ROS 2 around a live localizer: what its messages mean."""
 
 import math

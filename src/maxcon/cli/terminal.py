@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a command shows on stderr while it runs (bars, lines, that it compiles), and how signals end it."""
 
 import signal

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Why epochs of a drive are not localized: heights far off the map's ground, or a usual slip of axes and angles."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Where the sensor may be, what speaks for each place, and where a scan is searched by a covariance (D2)."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """LiveLocalizer: scans, odometry and positions go in as they come; a pose comes out for each scan."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What has come to a live localizer and waits: scans in order of time, and the poses of the last seconds."""
 
 import math

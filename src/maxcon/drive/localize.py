@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A drive, epoch after epoch: localized from priors of a trajectory, tracked, or found in the whole map without any."""
 
 from __future__ import annotations

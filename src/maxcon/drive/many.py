@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Many drives: their table, their epochs as tasks of an engine, and the run that writes what a dataset lacks."""
 
 import os

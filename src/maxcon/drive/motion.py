@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Motion between two epochs and how well it is known; a pose with its covariance, moved and adjusted by an EKF."""
 
 from __future__ import annotations

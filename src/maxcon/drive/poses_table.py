@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tables of poses, one row per epoch, localized or not: POSES.csv of a drive, and a Parquet dataset of many."""
 
 import csv

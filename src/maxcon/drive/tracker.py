@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tracker: localizes scan after scan, each only where the one before and the motion since allow it to be."""
 
 from __future__ import annotations

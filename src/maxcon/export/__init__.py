@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tables of poses, and maps, in the formats of other programs; the suffix says which."""
 
 import os

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Points for CloudCompare, QGIS and the like: scans of a drive placed in the map, and a map, as LAZ, LAS or PLY."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Rows of POSES.csv, or of the Parquet file of a drive; written as GeoJSON, GeoPackage, KML, CSV, TUM and KITTI."""
 
 import csv

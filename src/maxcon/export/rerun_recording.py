@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A drive in the viewer Rerun, while it is localized, or as a recording (.rrd) for it; a map. See `with_rerun`."""
 
 import os

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What viewers show of a drive: its epochs with their scans, and the map around them, in a frame near it; as MCAP."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Poses, frames and voxels."""
 
 from maxcon.geometry.pose import (

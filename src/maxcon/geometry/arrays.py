@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Checks of points, normals and covariances that come from outside, so that everything below may trust them."""
 
 from typing import Any

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Poses, R = Rz(heading) Ry(pitch) Rx(roll) (D2), and those between; the local frame of a map (D1), voxels (D4)."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Coordinate reference systems (D1): names, points of one in another with their heights, and what receivers say."""
 
 import math

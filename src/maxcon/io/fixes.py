@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Poses from positions in latitude and longitude, and orientations of an IMU where there are any."""
 
 import math

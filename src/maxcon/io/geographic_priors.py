@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Rough poses from positions in latitude and longitude, of tables and NMEA logs of receivers, in a map's coordinates.
 
 Of NMEA 0183 GGA or GNS are positions, RMC or ZDA dates; GST, HDT and PASHR are used if there. pynmeagps was tried: it

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Points as drivers of scanners and PCD files store them: arrays of records, which fields are understood, and how."""
 
 from collections import Counter

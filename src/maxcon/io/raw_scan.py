@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scans of a drive, wherever they come from, the returns of each, and scans that are deskewed or merged of others."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Topics of ROS 2 by DDS, without ROS: messages go in and out as the bytes that ROS puts on the wire."""
 
 from collections.abc import Callable

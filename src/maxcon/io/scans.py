@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scans of a drive: a folder with one file per epoch, or a recording, the time of each, and what is in them."""
 
 import os

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Text of other programs: lines, numbers, numbered names, tables of poses; nothing is read without bounds."""
 
 import csv

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Trajectories in files: TUM text, and CSV with a header such as POSES.csv."""
 
 from __future__ import annotations

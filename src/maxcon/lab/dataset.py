@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Dataset: a map, scans, their reference and priors, as a small TOML file names them."""
 
 import os

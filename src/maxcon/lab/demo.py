@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The demo: a small study of a simulated dataset, from near and from wide priors, and the page that shows it."""
 
 from collections.abc import Callable, Sequence

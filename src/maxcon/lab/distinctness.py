@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """How distinct the best cell of an accumulator is: the measures the paper compares objectives by."""
 
 import math

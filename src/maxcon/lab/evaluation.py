@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """How good answers are: errors, coverage of sigmas, protection levels, what samples prove."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The map: voxels in tiles, in memory or on disk."""
 
 from maxcon.map.layout import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, TileKey

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The ground of a map: heights in a grid of about half a metre, tile by tile, beside the voxels."""
 
 import math

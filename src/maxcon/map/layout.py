@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Sizes and limits of a map: square tiles of square patches of voxels, its levels, and the classes of its voxels."""
 
 import math

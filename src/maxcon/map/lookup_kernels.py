@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled look-ups of single voxels in several tiles; `table` is a `VoxelTable`."""
 
 import numpy as np

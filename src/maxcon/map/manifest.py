@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The manifest of a map and the indices of its sections: what it is made of, and where each record lies (D10)."""
 
 import hashlib

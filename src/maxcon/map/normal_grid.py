@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """NormalGrid: the normals of a level of the map in a dense grid around a place, as the coarse search reads them."""
 
 from __future__ import annotations

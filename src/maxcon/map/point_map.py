@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """PointMap: the voxels of a dense point cloud, in tiles around a local frame (D1, D4)."""
 
 from __future__ import annotations

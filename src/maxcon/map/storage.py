@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Storage of a map: a folder of this machine, or an object store or a web server through obstore.
 
 Every request has a time-out: a server that is gone is an error in a line, never a wait without end.

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Records of tiles: written into the shards of a map, read from them when asked for and checked, and copied (D10).
 
 A record is one message of the Arrow IPC stream format, its buffers compressed with LZ4 (docs/map_format.md).

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """VoxelTile: the voxels of one square of the map, in the order the search reads them, and the cache of tiles."""
 
 import threading

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: index and occupancy of a tile, its voxels merged to larger ones, in a dense grid; tiles around positions.
 
 Voxels come in the order (z, patch y, patch x, y, x).

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Voxel tables: the tiles around a place as one tuple of arrays, as compiled look-ups read them."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """From points with normals to tiles of voxels with a count, a mean unit normal and a mean point (D4)."""
 
 from typing import Any

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Maps that are not made of clouds: of the scans of a drive, and of another map that is moved."""
 
 import os

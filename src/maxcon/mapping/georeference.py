@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Where a map in coordinates of its own lies: a rigid transform from positions of a receiver, and control points.
 
 A place x of the map is at c + d + s exp(w) R (x - m) in the CRS, with m and c the middles of both sides. d, w and s are

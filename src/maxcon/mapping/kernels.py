@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled loops of map building: moments of voxels, planes of neighbourhoods."""
 
 import numpy as np

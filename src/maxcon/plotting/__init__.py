@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Pictures of an epoch, of poses and of a drive; they need ``pip install 'maxcon[demo]'``."""
 
 from maxcon.plotting.epoch import plot_epoch

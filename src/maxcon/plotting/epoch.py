@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The picture of one epoch: its search space in colours, beside its scene from above."""
 
 from __future__ import annotations

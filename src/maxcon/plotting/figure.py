@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The common style of all figures, and their files (same input, same bytes); the map from above, in greys."""
 
 import os

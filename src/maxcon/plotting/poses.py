@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Poses, and a drive with its errors, on the map from above; residuals of a georeference."""
 
 from __future__ import annotations

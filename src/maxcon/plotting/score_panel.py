@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scores of a search space: which headings are drawn, one heading as an image, its marks, scale and words."""
 
 import math

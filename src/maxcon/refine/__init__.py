@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """From the best cell to a continuous pose, and how well that is known."""
 
 from maxcon.refine.adjustment import HEIGHT_SIGMA, TILT_SIGMA, Refined, covariance, map_covariance, refine

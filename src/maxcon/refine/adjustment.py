@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Adjustment of a pose to the surfaces of the map: robust, point to plane, all six unknowns; and its covariance."""
 
 import math

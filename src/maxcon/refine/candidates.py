@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Candidates of an open space: poses of large cells, adjusted to the map and scored in its own voxels there (D11)."""
 
 from collections.abc import Sequence

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Fit of a scan to the map at a refined pose (D12): what the residuals of the adjustment do not show.
 
 A wrong place, a distorted scan and a map that is off leave traces in partners farther away than the adjustment takes:

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Ground plane fits: height, roll and pitch of a sensor from the ground of its scan, with and without a map."""
 
 import math

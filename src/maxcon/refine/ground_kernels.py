@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: the fit of the ground of a scan to that of the map. Arrays in, arrays out."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: least squares of the distances of scan points from planes of the map, and points grouped by surface."""
 
 import numpy as np

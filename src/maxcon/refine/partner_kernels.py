@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: partners, the planes of the map that scan points lie on; moments at a pose. Arrays in, arrays out."""
 
 import numpy as np

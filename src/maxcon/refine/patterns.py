@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Patterns: systematic errors of a scan, or of the map around it, that residuals at a refined pose show (D12).
 
 A scan that is stretched by the motion during its turn, has a wrong scale or ranges that are too long fits the map

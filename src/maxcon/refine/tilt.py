@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Roll and pitch of a scan from its own surfaces: floors are level, walls upright. No map, no prior."""
 
 import math

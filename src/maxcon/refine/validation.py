@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Validation after refinement (D12): a best cell adjusted to the map, and whether walls of scan and map agree there."""
 
 import math

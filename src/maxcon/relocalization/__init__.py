@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Relocalization: where in a whole map a scan was taken, without a prior."""
 
 from maxcon.relocalization.relocalizer import Relocalization, Relocalizer

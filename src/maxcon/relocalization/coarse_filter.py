@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The coarse filter: large cells of a whole map that match nearly as many points as the best one, by branch and bound.
 
 A point matches where the voxel that it falls in has its orientation bin; the scanner is in the middle of a cell.

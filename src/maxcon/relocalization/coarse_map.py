@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The map in large voxels with heights above ground and orientation bins, and cells where a scanner may stand."""
 
 from collections import defaultdict

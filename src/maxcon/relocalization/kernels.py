@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Counts of matches of large cells and bounds of many, compiled. Arrays in, arrays out."""
 
 import numpy as np

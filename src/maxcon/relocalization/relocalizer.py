@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Relocalizer: where in a whole map a scan was taken. The page to read first.
 
 1. In cells of about a metre, all cells of the map that match nearly as many points as the best one: an exact branch and

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scans: their points, normals and times, how they are mounted, and the trajectories they were taken on."""
 
 from maxcon.scan.scan import Scan, one_per_cube

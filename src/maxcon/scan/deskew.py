@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Deskewing: the points of a moving scanner as they would have been measured at one time."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: a scan's points sorted into a grid of elevation and azimuth, and candidate neighbours picked from it.
 
 Indices are unsigned for speed: of a signed one numba checks every time whether it counts from the end.

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Mounting: where scanners, antenna and odometry sit in the vehicle; poses of one part from those of another."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: a plane through each point of a scan and its neighbours, which are looked for in a window of angles.
 
 The window around a point grows until more than one ring is in it; only then is it decided whether they form a plane.

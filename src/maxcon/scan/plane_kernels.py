@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: the plane through points, from their second moments.
 
 `covariance` and `plane_normal` are the definition; `sum_near` and `plane_normals` do it block by block, vectorized.

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scan: the points of one epoch, in the sensor frame, with their normals; and thinning.
 
 A ring scanner's points lie 0.2 degrees apart along a ring and 2 degrees apart across: the nearest neighbours of a point

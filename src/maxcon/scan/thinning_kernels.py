@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: one point of those in each cube of a grid, and the lowest points of level cells."""
 
 import numpy as np

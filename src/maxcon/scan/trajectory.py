@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Trajectory: poses with their times, and the pose at any time between them."""
 
 from __future__ import annotations

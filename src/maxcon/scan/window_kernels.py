@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: directions of a scan's points, and a first guess of how high a window around one must be for two rings."""
 
 import numpy as np

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Searches: the definition (`reference`) and the fast ones that equal it."""
 
 from maxcon.search import reference

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a match adds to its cell (D4, D5), and the accumulator: the moments of every cell.
 
 All searches share what is here: how often a match counts, its weight, how contributions are rounded so that their sums

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Bounds: the most that cells can score, by the count of matches or by N along two axes (design section 3).
 
 A *bound* is the most that a cell can score. It is made of a *sum*: the most that the matches of the cell can add up to.

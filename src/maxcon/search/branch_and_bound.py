@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Branch and bound: the best cell of the exhaustive search, from bounds of all cells and the moments of few.
 
 Read `_search_by_bounds` beside section 3 of the design. `prepared_scan` has the scan prepared for the map, `bounds` the

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: the moments of single cells, each by itself; to the last bit those of all cells together."""
 
 import numpy as np

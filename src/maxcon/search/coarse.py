@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Coarse search: every large cell of an open space is scored, and those near the best are candidates (D11).
 
 The score of a large cell is Helmert's, of the voxels of a level of the map that the points meet, all of weight one.

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: sums over the points of a scan in every coarse cell of a window. Arrays in, arrays out."""
 
 import numpy as np

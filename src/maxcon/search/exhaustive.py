@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Exhaustive search: the definition's accumulator, compiled (D5, D7), at one height or at each of several."""
 
 from collections.abc import Callable, Iterable, Iterator

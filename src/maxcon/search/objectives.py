@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a cell is worth: functions of the moments its matches added (D5).
 
 A new objective is a class with one method, ``score(moments)``; nothing has to be registered. Pictures use its ``title``

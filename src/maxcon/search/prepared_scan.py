@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """PreparedScan: a scan and the tiles of the map around it, prepared once for a search.
 
 It answers three questions: the moments of all cells of some headings, the moments of single cells, and the most that

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The definition: plain NumPy, to be read beside the paper (D4, D7).
 
 Slow on purpose. Every faster search must give the same accumulator as `voxels`; `pairs` is equation (2) to the letter

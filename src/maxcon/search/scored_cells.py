@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Cells that a search has scored, one by one or all of some headings, and what was found of them."""
 
 import math

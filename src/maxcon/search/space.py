@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Search space: all cells that are tried, and which pose each stands for (D3)."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: scans turned by headings; which groups of points can match which voxels of a tile, and at which headings.
 
 At the offsets of a window, the points of a group can match the voxels in their own box (x first to x last, y first to

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled: sums over the matches of all cells of a window: their moments (D5), or what bounds them along one axis.
 
 Both kernels work tile by tile, on the stops of `visit_kernels`: a group of neighbouring scan points, at a run of

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Point clouds from files, read chunk by chunk; the suffix says how."""
 
 import os

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What every reader of point clouds offers: a header, then chunks of points; and what guards their memory."""
 
 from abc import ABC, abstractmethod

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """E57, read through pye57: all scans of a file, each in its pose, without the points that are marked invalid."""
 
 from collections.abc import Generator, Iterator

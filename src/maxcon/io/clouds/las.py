@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """LAS and LAZ, read through laspy once header, CRS and chunk table are checked against the file.
 
 laspy waits for ever on some headers, and skips damaged records: a file would seem to name no CRS.

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The chunks of a LAZ file, and which of them a COPC file's octree says may have points in a rectangle.
 
 Both are checked against the bytes before anything is decompressed: the decompressor allocates what the file claims

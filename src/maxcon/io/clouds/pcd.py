@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """PCD: ascii, binary and compressed; the header is checked against the size of the file before points are read."""
 
 import math

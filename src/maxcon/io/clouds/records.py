@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Clouds of rows of the same fields behind a header, as text or as bytes (PLY; `pcd`), or of an array each (NPZ)."""
 
 import io

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Points as text, a line each: columns by the names of a header, or x, y, z first."""
 
 import io

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scans of a recording: clouds of a topic, or of a capture (.pcap) of a Velodyne's packets, in order of time."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Opens a bag of ROS 1, a bag of ROS 2, or an MCAP file, by its path; chunks of them unpack within bounds."""
 
 import bz2

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Poses in a recording: those of a GNSS receiver, with orientations, or of whatever writes poses."""
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Recording: topics and messages of a bag or MCAP file, read and written by the standard definitions of ROS."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence

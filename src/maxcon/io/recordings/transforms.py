@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Transforms between frames (TF) in a recording: the pose of one frame in another, over time or static."""
 
 from __future__ import annotations

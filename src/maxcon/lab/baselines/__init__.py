@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What maximum consensus is compared with: iterative methods that need a start, all with `localize` (D6)."""
 
 from maxcon.lab.baselines.gicp import CountThenGicp, Gicp, check_small_gicp

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Gicp: generalized ICP by the package small_gicp; CountThenGicp: from the cell of most hits in a coarse map."""
 
 import math

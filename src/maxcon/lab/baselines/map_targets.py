@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """MapTargets: thinned points of the map around a place, kept for the epochs that follow."""
 
 import math

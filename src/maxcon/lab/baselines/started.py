@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Methods that iterate from a start: their interface, the check of their options, and many starts (MultiStart)."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Pages of studies and of the demo, in one HTML file each with their pictures; they need ``maxcon[demo]``."""
 
 import base64

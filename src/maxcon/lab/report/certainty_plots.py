@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What a method says of its answers beside their errors: a drive epoch by epoch, and the Stanford diagram."""
 
 import os

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Charts of several methods: how each is drawn, legends, grids, round numbers; the distributions of their errors."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The page of one's own drive: where it went, how sure the answers are, which are in doubt; how good, if that is known.
 
 It is made of the table of poses, so that it is the same for a drive that was gone on with or localized by workers.

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The paper's comparisons: objectives side by side (figure 4), distinctness (figure 5), kurtosis on the map (6)."""
 
 import math

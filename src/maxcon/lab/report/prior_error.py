@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """How often each method is right, how often wrong without knowing it, and how long it takes, by its prior's error."""
 
 import math

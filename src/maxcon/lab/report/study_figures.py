@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Figures and tables over all epochs of a study: distinctness, success, errors, and how certain the answers are."""
 
 import math

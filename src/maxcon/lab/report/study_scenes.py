@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Single epochs of a dataset, searched again for a page: all headings, count beside Helmert."""
 
 import os

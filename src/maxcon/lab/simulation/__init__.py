@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A seeded city or suburb, ray-cast by a mapping vehicle and by a car, and written in the formats of real data."""
 
 from maxcon.lab.simulation.datasets import simulate, simulate_campaign, simulate_suburb

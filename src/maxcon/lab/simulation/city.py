@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """City: a grid of streets with houses, furniture and parked cars, as triangles; and a strictly periodic one."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Simulated datasets: the small city, the campaign, the suburb, written in the formats of real data."""
 
 import itertools

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Drives along a route or round a circuit, and their poses as vehicles measure them: priors, odometry, trajectories."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Patches of triangles, and what stands in streets: cars, trees, signs, lamps, hedges; classes of LAS."""
 
 import math

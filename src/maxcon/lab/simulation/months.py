@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What months change in streets: trees are bare, houses have scaffolds or are gone, fences, snow and asphalt came."""
 
 from collections import Counter

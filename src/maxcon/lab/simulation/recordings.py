@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A drive as a recorder would have written it: clouds, positions of a GNSS receiver, orientations, odometry."""
 
 from collections.abc import Iterator

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Scanners: rays cast into a scene (Embree), where they go, how their ranges are disturbed, how the car moves."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Streets of the simulated city, and lines through them: the circuit of the campaign, the small city's crossing."""
 
 import math

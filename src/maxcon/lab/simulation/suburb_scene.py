@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Suburb: a winding road with houses, gardens and hedges on a slope."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Road users around the car: vehicles and pedestrians that are not in the map, drawn anew for each scan."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Simulated worlds: a scene, the drives that map it, and another day's drive whose epochs are scanned."""
 
 import math

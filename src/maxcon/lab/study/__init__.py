@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A study: methods x epochs of a dataset, in one table."""
 
 from maxcon.lab.study.methods import (

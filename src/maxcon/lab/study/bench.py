@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Bench: scans, priors and maps of a dataset, opened; the answers of methods to its epochs as rows."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Methods of a study by name, and the variants of the map they are given."""
 
 import difflib

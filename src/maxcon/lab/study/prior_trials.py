@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Answers against the error of the prior: levels of errors, priors drawn at each, and the methods that are compared."""
 
 from collections.abc import Iterable, Sequence

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """A study: methods x epochs of a dataset, on all processors, into one table; a stopped one goes on."""
 
 import hashlib

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """The table of a study: read, written, and summarized by method."""
 
 from collections import Counter

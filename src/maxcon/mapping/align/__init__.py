@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Alignment of the passes of a mapping campaign, before a map is made of them."""
 
 from maxcon.mapping.align.align import AlignmentOptions, align_files

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Alignment of the passes of a mapping campaign: read this page first."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Outcome of an alignment: how far passes lie apart before and after, how sure that is, and the files that say so."""
 
 import csv

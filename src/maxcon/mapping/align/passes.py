@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Passes of the mapping vehicle: which points belong to each, where it measured when, and how each is corrected."""
 
 from collections import defaultdict

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Pose graph: corrections from all constraints and from the georeference of passes, by robust sparse least squares."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Visits: what one pass measured of one place, and the pose of one visit relative to another, by `refine`."""
 
 import math

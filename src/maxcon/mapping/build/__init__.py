@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """From point clouds to a map on disk."""
 
 from maxcon.mapping.build.build import build_map

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Building a map on disk from point clouds: read, drop, sort into tiles, fit normals, write (D10)."""
 
 import os

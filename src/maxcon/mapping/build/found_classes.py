@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Classes found by the build where clouds have none: ground, vegetation and temporary objects of each voxel.
 
 A pass of the mapping vehicle that saw the ground under a block of space looked through the block, from wherever it was:

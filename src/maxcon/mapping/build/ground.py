@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Ground of a tile where points are not classified: lowest level surfaces, or a simple morphological filter (SMRF).
 
 The filter of Pingel, Clarke and McBride (ISPRS Journal 77, 2013): what an opening with growing windows removes from the

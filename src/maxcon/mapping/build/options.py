@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Options of a map build: voxels, area, coordinate reference system, and which classes of points are left out."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What points tell of a map: the voxel edge that suits them, and how far passes of the mapping vehicle differ."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Sources of a map's points: their CRS, what is dropped of them, and from which side each surface was seen."""
 
 import os

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Points on their way into tiles (external bucketing), and the moments of each voxel: normals and vegetation (D5)."""
 
 import math

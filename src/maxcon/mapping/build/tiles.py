@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Tiles of a map made from sorted points, step by step: by threads of this process, or by the workers of an engine."""
 
 import os

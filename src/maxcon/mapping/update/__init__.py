@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Map update: surfaces that localized drives see through become gone, and those they hit anew become new."""
 
 from maxcon.mapping.update.observations import LocalizedDrive, UpdateOptions

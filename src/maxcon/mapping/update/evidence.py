@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Evidence: hits and misses of the voxels of a map, and of candidates for new ones, by the rays of all drives.
 
 A ray hits a voxel if it ended in it or in one of the 26 around: noise moves an end by less than that, mostly.

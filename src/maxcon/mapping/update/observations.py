@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """What goes into a map update: localized drives, those of their scans that are observations, and the options."""
 
 import math

@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `evidence`).
 
 `table` is a `VoxelTable`. `evidence` are arrays of its voxels: log_odds (m,) float32; n_hits, n_misses (m,) int32;

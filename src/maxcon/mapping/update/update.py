@@ -1,5 +1,3 @@
-# SPDX-FileCopyrightText: 2026 the maxcon authors
-# SPDX-License-Identifier: MIT
 """Map update: a new version of a map, in which surfaces that drives found gone or new have a class of their own.
 
 Each voxel is classified by its own evidence and by its neighbourhood: single voxels that are missed are noise at an
