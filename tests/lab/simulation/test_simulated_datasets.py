@@ -217,7 +217,7 @@ def test_a_walk_is_the_same_for_the_same_seed_and_is_localized_from_level_priors
     for prior, estimate, wanted in _localized(dataset, tmp_path, range(3), "level", MaximumConsensus(widest=0.0)):
         assert (prior.roll, prior.pitch) == pytest.approx((0.0, 0.0), abs=1e-9)
         answers.append((estimate.is_localized, np.abs(estimate.pose.less(wanted)).max() < 0.05))
-    assert answers == [(True, True), (True, True), (False, False)]  # tilted by 13, 17 and 22 degrees
+    assert answers == 3 * [(True, True)]  # tilted by 13, 17 and 22 degrees
 
 
 @pytest.mark.parametrize(
