@@ -68,7 +68,7 @@ class ParameterFile(OptionGroup, title="Inputs"):
 class Waiting(OptionGroup, title="How it is done"):
     """How messages are waited for."""
 
-    delay: float = flag(0.05, "Messages may come so late.", metavar="S")
+    delay: float = flag(0.03, "Messages may come so late.", metavar="S")
     queue: int = flag(2, "Scans that wait at most; of more the oldest is dropped.", metavar="N")
     patience: int = flag(10, "After so many scans without a place the map is searched without a prior.", metavar="N")
     threads: int = flag(1, "Headings searched at once.", min=1)

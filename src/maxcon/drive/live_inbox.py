@@ -31,7 +31,7 @@ class LiveOptions:
     - patience: after so many scans in a row without a place, the map is searched for one without a prior.
     """
 
-    delay: float = 0.05
+    delay: float = 0.03
     queue: int = 2
     patience: int = 10
 
@@ -39,7 +39,7 @@ class LiveOptions:
         if not 0.0 <= self.delay <= MEMORY or self.queue < 1 or self.patience < 1:
             raise OptionError(
                 f"Expected a delay of 0 to {MEMORY:g} s, a queue and a patience of 1 or more, got {self}. The defaults"
-                " are 0.05 s, 2 and 10."
+                " are 0.03 s, 2 and 10."
             )
 
 
