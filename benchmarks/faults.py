@@ -234,26 +234,37 @@ def answers_of(methods, name, drives, every):
     return answers
 
 
+def opened(options, faults, separator):
+    """The names of faults that were asked for, and the drives."""
+    names = options.faults.split(separator)
+    if not set(names) <= set(faults):
+        known = f"{separator} ".join(faults)
+        raise OptionError(f"Expected names of faults, got {options.faults}. Take some of: {known}.")
+    return names, [
+        Drive(PointMap.open(point_map), open_scans(scans), read_trajectory(reference))
+        for point_map, scans, reference in options.drive
+    ]
+
+
+def print_head(title, of):
+    """Print what comes before the rows of `figures`."""
+    header(title)
+    print(
+        f"| {of} | right, localized | right, refused | wrong, localized | wrong, refused | worst localized, m |"
+        " inside 95 %, % | levels exceeded |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--drive", nargs=3, action="append", required=True, metavar=("MAP", "SCANS", "REFERENCE"))
     parser.add_argument("--every", type=int, default=1, metavar="N", help="take each N-th scan")
     parser.add_argument("--faults", default=",".join(FAULTS), metavar="NAME,NAME", help="these alone")
     options = parser.parse_args()
-    names = options.faults.split(",")
-    if not set(names) <= set(FAULTS):
-        raise OptionError(f"Expected names of faults, got {options.faults}. Take some of: {', '.join(FAULTS)}.")
-    drives = [
-        Drive(PointMap.open(point_map), open_scans(scans), read_trajectory(reference))
-        for point_map, scans, reference in options.drive
-    ]
+    names, drives = opened(options, FAULTS, ",")
     n_epochs = sum(len(range(0, len(drive.scans), options.every)) for drive in drives)
-    header(f"Faults, {n_epochs} epochs each")
-    print(
-        "| fault | right, localized | right, refused | wrong, localized | wrong, refused | worst localized, m |"
-        " inside 95 %, % | levels exceeded |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    print_head(f"Faults, {n_epochs} epochs each", "fault")
     for name in names:
         before, after = map(figures, answers_of(METHODS, name, drives, options.every))
         cells = [a if a == b else f"{a}→{b}" for a, b in zip(before, after, strict=True)]

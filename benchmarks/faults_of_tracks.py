@@ -14,13 +14,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from faults import Answer, Drive, figures
-from header import header
+from faults import Answer, figures, opened, print_head
 
-from maxcon import MaximumConsensus, Motion, PointMap, Scan, Tracker
-from maxcon.errors import OptionError
-from maxcon.io.scans import open_scans
-from maxcon.io.trajectories import read_trajectory
+from maxcon import MaximumConsensus, Motion, Scan, Tracker
 from maxcon.lab.baselines import Gicp, MapTargets
 
 N_BEFORE, N_AFTER = 12, 19
@@ -126,19 +122,8 @@ def main() -> None:
     parser.add_argument("--faults", default=";".join(FAULTS), metavar="NAME;NAME", help="these alone")
     parser.add_argument("--without-gicp", action="store_true")
     options = parser.parse_args()
-    names = options.faults.split(";")
-    if not set(names) <= set(FAULTS):
-        raise OptionError(f"Expected names of faults, got {options.faults}. Take some of: {'; '.join(FAULTS)}.")
-    drives = [
-        Drive(PointMap.open(point_map), open_scans(scans), read_trajectory(reference))
-        for point_map, scans, reference in options.drive
-    ]
-    header(f"Faults of tracks, {options.tracks} of each drive")
-    print(
-        "| track | right, localized | right, refused | wrong, localized | wrong, refused | worst localized, m |"
-        " inside 95 %, % | levels exceeded |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    names, drives = opened(options, FAULTS, ";")
+    print_head(f"Faults of tracks, {options.tracks} of each drive", "track")
     targets = MapTargets()
     methods = {"": lambda: Tracker(MaximumConsensus())}
     if not options.without_gicp:

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: MIT
 """Is the storey of a garage told, or called ambiguous, where priors are storeys too high or too low?
 
-python benchmarks/garage.py [--scans N]
+python benchmarks/garage.py [--scans N] [--walls N]
 
-Five storeys, 2.8 m from floor to floor, are alike but for three partition walls each and for parked cars, others on the
-day of the map. The map has its floors as ground. Right is an answer within 0.3 m and 1 degree, and
-0.1 m in height.
+Five storeys, 2.8 m from floor to floor, are alike but for some partition walls each and for parked cars, others on the
+day of the map. The map has its floors as ground. Right is an answer within 0.3 m and 1 degree, and 0.1 m in height.
 """
 
 import argparse

@@ -139,11 +139,7 @@ class Tracker:
         self._hypotheses = ranked(weighted, self.noise, self._guard_radius)
         self._way = 0.0
         if prior is not None:
-            near = [self._is_inside(each.predicted(self.noise).pose, prior) for each in self._hypotheses]
-            self._hypotheses = [
-                replace(each, unproven=0.0) if is_near else each
-                for each, is_near in zip(self._hypotheses, near, strict=True)
-            ]
+            self._hypotheses = [self._proven(each, prior) for each in self._hypotheses]
         if prior is None or (self.prediction is not None and self._is_inside(self.prediction.pose, prior)):
             self._outside = 0.0
         if self._hypotheses and self._unchecked >= self.options.check_distance:
@@ -201,12 +197,20 @@ class Tracker:
         reach = self._window(predicted).half_width
         inheriting = []
         for each in found:
-            is_within = distance(each.anchor, predicted) <= reach
-            agreement = parent.agreement if is_within and parent.n_refused == 0 else 0.0
-            is_led_to = distance(each.anchor, predicted) <= max(reach, APART)
-            unproven = parent.unproven if is_led_to or not self._has_begun else PROVEN
+            away = distance(each.anchor, predicted)
+            agreement = parent.agreement if away <= reach and parent.n_refused == 0 else 0.0
+            unproven = self._unproven(parent, away, max(reach, APART))
             inheriting.append(replace(each, evidence=parent.evidence, agreement=agreement, unproven=unproven))
         return inheriting
+
+    def _unproven(self, parent: Hypothesis, away: float, reach: float) -> float:
+        """Way over which scans have yet to agree, m, at a place so far from where a hypothesis leads."""
+        return PROVEN if self._has_begun and away > reach else parent.unproven
+
+    def _proven(self, hypothesis: Hypothesis, prior: Pose) -> Hypothesis:
+        """Return a hypothesis with nothing left to prove, if a prior is near."""
+        is_near = self._is_inside(hypothesis.predicted(self.noise).pose, prior)
+        return replace(hypothesis, unproven=0.0) if is_near else hypothesis
 
     def _followed(self, hypothesis: Hypothesis, scan: Scan, point_map: PointMap, prior: Pose | None) -> Hypothesis:
         """Compare a scan with the map around the prediction of a hypothesis."""
@@ -245,10 +249,9 @@ class Tracker:
         newcomers = []
         for each in found:
             worth = 1.0 if is_open or each.evidence * ratio >= own else NEWCOMER
-            is_apart = distance(each.anchor, here) > APART
-            unproven = PROVEN if self._has_begun and is_apart else self._hypotheses[0].unproven
-            evidence = worth * min(1.0, each.evidence / own)
-            newcomers.append(replace(each, evidence=evidence, unproven=unproven if prior is None else 0.0))
+            away = distance(each.anchor, here)
+            unproven = self._unproven(self._hypotheses[0], away, APART) if prior is None else 0.0
+            newcomers.append(replace(each, evidence=worth * min(1.0, each.evidence / own), unproven=unproven))
         self._hypotheses = ranked([*self._hypotheses, *newcomers], self.noise, self._guard_radius)
         self._unchecked = 0.0
 

@@ -26,7 +26,7 @@ from maxcon.map.manifest import Manifest, read_manifest
 from maxcon.map.storage import open_storage
 from maxcon.map.store import stored_ground, stored_tiles
 from maxcon.map.tile import VoxelTile
-from maxcon.refine.adjustment import LEAST_COSINE, table_around
+from maxcon.refine.adjustment import planes_near, table_around
 from maxcon.scan import Scan
 
 SCAN_SUFFIXES = (".laz", ".las")  # of scans placed in the map
@@ -65,15 +65,9 @@ def write_placed_scans(
 
 def _distances(scan: Scan, point_map: PointMap, pose: Pose) -> NDArray[np.float64]:
     """Distances, shape (n,), m, of the points of a scan from planes of the map; NaN beyond `MATCHED`."""
-    from maxcon.refine import partner_kernels
-
-    planes, steps = np.zeros((len(scan), 4)), math.ceil(MATCHED / point_map.cell)
-    partner_kernels.find_partners(
-        scan.points, scan.normals, pose.values, 1, point_map.cell, (steps, steps), LEAST_COSINE, point_map.is_signed,
-        table_around(scan, point_map, [pose]), planes,
-    )  # fmt: skip
-    distances = np.abs(planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(scan.points)))
-    return np.where(planes[:, :3].any(axis=1) & (distances < MATCHED), distances, np.nan)
+    steps, table = math.ceil(MATCHED / point_map.cell), table_around(scan, point_map, [pose])
+    _, distances = planes_near(scan.points, scan.normals, pose, MATCHED, (steps, steps), point_map, table)
+    return np.where(np.isfinite(distances), np.abs(distances), np.nan)
 
 
 @contextmanager

@@ -168,6 +168,31 @@ def adjusted(
     return unknowns, planes
 
 
+def planes_near(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    pose: Pose,
+    gate: float,
+    reaches: tuple[int, int],
+    point_map: PointMap,
+    table: VoxelTable,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Planes, (n, 4), on which points lie at a pose, and distances from them, m, infinite from a gate on.
+
+    points, normals: (n, 3), sensor frame; reaches: so many voxels along a normal, and along the axes from a point
+    without one, planes are looked for.
+    """
+    from maxcon.refine import partner_kernels
+
+    planes = np.zeros((len(points), 4))
+    partner_kernels.find_partners(
+        points, normals, pose.values, 1, point_map.cell, reaches, LEAST_COSINE, point_map.is_signed, table, planes
+    )
+    distances = planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(points))
+    is_near = planes[:, :3].any(axis=1) & (np.abs(distances) < gate)
+    return planes, np.where(is_near, distances, np.inf)
+
+
 def table_around(sample: Scan, point_map: PointMap, poses: Sequence[Pose]) -> VoxelTable:
     """The voxels among which the points of a scan can have partners, near some poses."""
     placed = [sample.points @ pose.rotation[:2].T + pose.position[:2] for pose in poses]

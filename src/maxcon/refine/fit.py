@@ -144,8 +144,10 @@ def _loose(refined: Refined, point_map: PointMap) -> list[tuple[float, str]]:
     """The misfit, and words, if points lie near the map, but fewer close to it than the scan's own noise explains."""
     distances = np.abs(refined.residuals)
     n_near = int(np.count_nonzero(distances < NEAR))
+    if point_map.cell > SMALL_CELL or n_near < FEWEST_NEAR:
+        return []
     thickness = surface_thickness(refined.points, refined.normals)
-    if point_map.cell > SMALL_CELL or n_near < FEWEST_NEAR or thickness is None:
+    if thickness is None:
         return []
     ratio = np.count_nonzero(distances < CLOSE) / n_near
     least = LEAST_CLOSE - LOSS * max(0.0, thickness - THIN, point_map.sigma - THIN)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose
 from maxcon.map import PointMap
 from maxcon.map.voxel_table import VoxelTable
-from maxcon.refine.adjustment import CLUSTER_EDGE, LAST_PASSES, LEAST_COSINE, N_BINS, STEEPEST, Refined, refine_sample
+from maxcon.refine.adjustment import CLUSTER_EDGE, LAST_PASSES, N_BINS, STEEPEST, Refined, planes_near, refine_sample
 from maxcon.scan import Scan
 
 GATE = 0.6
@@ -160,16 +160,8 @@ def _planes_within(
     gate: float, points: Points, normals: Points, pose: Pose, point_map: PointMap, table: VoxelTable
 ) -> tuple[Points, NDArray[np.float64]]:
     """Planes, (n, 4), along the normals of points up to a gate, m, and distances from them, infinite without one."""
-    from maxcon.refine import partner_kernels
-
-    planes = np.zeros((len(points), 4))
-    partner_kernels.find_partners(
-        points, normals, pose.values, 1, point_map.cell, (max(2, math.ceil(gate / point_map.cell)), 0),
-        LEAST_COSINE, point_map.is_signed, table, planes,
-    )  # fmt: skip
-    distances = planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(points))
-    is_near = planes[:, :3].any(axis=1) & (np.abs(distances) < gate)
-    return planes, np.where(is_near, distances, np.inf)
+    reaches = max(2, math.ceil(gate / point_map.cell)), 0
+    return planes_near(points, normals, pose, gate, reaches, point_map, table)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

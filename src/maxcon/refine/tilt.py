@@ -27,7 +27,7 @@ def with_own_tilt(scan: Scan, pose: Pose) -> Pose | None:
     if tilt is None:
         return None
     tilted = replace(pose, roll=tilt[0], pitch=tilt[1])
-    return tilted if tilt_between(pose, tilted) > math.radians(KNOWN_DEG) else None
+    return None if are_tilted_alike(pose, tilted) else tilted
 
 
 def own_tilt(scan: Scan) -> tuple[float, float] | None:
@@ -47,14 +47,17 @@ def own_tilt(scan: Scan) -> tuple[float, float] | None:
 
 def _upright_sums(normals: NDArray[np.float64], tilts: NDArray[np.float64], width: float) -> NDArray[np.float64]:
     """How much of the normals, (n, 3), is up or level, summed, at each roll and pitch, (m, 2), rad."""
-    rolls, pitches = tilts.T
-    up = np.stack([-np.sin(pitches), np.sin(rolls) * np.cos(pitches), np.cos(rolls) * np.cos(pitches)])
-    squares = np.square(normals @ up) / math.sin(width) ** 2  # of the cosines to up, over those of a wall that counts
+    up = rotation_matrices(tilts[:, 0], tilts[:, 1], 0.0)[:, 2]
+    squares = np.square(normals @ up.T) / math.sin(width) ** 2  # of the cosines to up, over those of a wall that counts
     whole = 1.0 / math.sin(width) ** 2
     return np.asarray(np.maximum(0.0, 1.0 - squares).sum(axis=0) + np.maximum(0.0, 1.0 - whole + squares).sum(axis=0))
 
 
 def tilt_between(one: Pose, other: Pose) -> float:
     """Angle between the up of two poses, as their sensors see it, rad."""
-    up, other_up = (rotation_matrices(each.roll, each.pitch, 0.0)[2] for each in (one, other))
-    return math.acos(min(1.0, float(up @ other_up)))
+    return math.acos(min(1.0, float(one.rotation[2] @ other.rotation[2])))
+
+
+def are_tilted_alike(one: Pose, other: Pose) -> bool:
+    """Whether two poses have the same tilt, as far as that of a scan's surfaces is known."""
+    return tilt_between(one, other) <= math.radians(KNOWN_DEG)

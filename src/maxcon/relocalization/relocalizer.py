@@ -22,7 +22,7 @@ from maxcon.map import PointMap
 from maxcon.refine import fit_ground, fit_ground_plane, pose_above_ground, validate
 from maxcon.refine.adjustment import FROM_LARGE_CELLS, LAST_PASSES
 from maxcon.refine.candidates import Candidate, Scoring, adjusted_candidate, distinct
-from maxcon.refine.tilt import with_own_tilt
+from maxcon.refine.tilt import are_tilted_alike, with_own_tilt
 from maxcon.relocalization.coarse_filter import CoarseScan, CountedCells, Regions, filter_cells, recount
 from maxcon.relocalization.coarse_map import Area, CoarseMap
 from maxcon.scan import Scan
@@ -138,7 +138,7 @@ class Relocalizer:
         if tilted is None:
             return found
         other = self._search(scan, tilted)
-        if found.estimate.is_localized and with_own_tilt(scan, found.estimate.pose) is None:
+        if found.estimate.is_localized and are_tilted_alike(found.estimate.pose, tilted):
             return other  # of places with this tilt the level search knows few
         return max(found, other, key=lambda each: (each.estimate.is_localized, each.estimate.score))
 
