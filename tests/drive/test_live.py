@@ -10,6 +10,7 @@ from court_drive import CELL, COURT, FRAME, N_SCANS, prior_of, seen, truth, wall
 
 import written_maps
 from maxcon import LiveLocalizer, LiveOptions, MaximumConsensus, PointMap, Pose, SearchSpace, Status, Trajectory
+from maxcon.cli.live import Waiting
 from maxcon.drive.localize import track_drive
 from maxcon.drive.motion import Motion
 from maxcon.drive.tracker import Tracker
@@ -121,6 +122,11 @@ def test_within_the_delay_the_order_of_messages_does_not_matter(live, point_map)
         answers += live.answers(now + 0.03)
     assert_same(answers, expected)
     assert answers[-1].counts == (N_SCANS, 0, 0, 0)
+
+
+def test_the_command_waits_as_long_as_the_library():
+    waiting = Waiting()
+    assert LiveOptions(waiting.delay, waiting.queue, waiting.patience) == LiveOptions()
 
 
 def test_what_never_comes_is_waited_for_no_longer_than_the_delay(live):
