@@ -42,7 +42,7 @@ class ExportOptions(OptionGroup):
 def export(what: ExportOptions, ranges: RangeOptions) -> None:
     """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
     from maxcon.drive.poses_table import table_of_drive
-    from maxcon.export import SCAN_SUFFIXES, SCENE_SUFFIXES, check_suffix, export_poses, export_scans, read_rows
+    from maxcon.export import PLACED_SUFFIXES, SCENE_SUFFIXES, check_suffix, export_poses, export_scans, read_rows
     from maxcon.export.scene import RERUN_SUFFIX
     from maxcon.io.crs import GeographicFrame
     from maxcon.io.scans import open_scans
@@ -54,10 +54,10 @@ def export(what: ExportOptions, ranges: RangeOptions) -> None:
         check_needs({"--scores": what.scores}, {name: value})
     check_needs({"--drive": what.drive}, {"a folder of many drives": what.table.is_dir()})
     table = table_of_drive(what.table, what.drive) if what.table.is_dir() else what.table
-    if what.scans is None and suffix in SCAN_SUFFIXES:
+    if what.scans is None and suffix in PLACED_SUFFIXES:
         raise OptionError(f"Expected --scans for {out}, got none. Name the scans of the drive.")
-    if what.scans is not None and suffix not in (*SCAN_SUFFIXES, *SCENE_SUFFIXES):
-        wanted = " or ".join((*SCAN_SUFFIXES, *SCENE_SUFFIXES))
+    if what.scans is not None and suffix not in (*PLACED_SUFFIXES, *SCENE_SUFFIXES):
+        wanted = " or ".join((*PLACED_SUFFIXES, *SCENE_SUFFIXES))
         raise OptionError(f"Expected a {wanted} file with --scans, got {out}. Rename it, or name no scans.")
     check_out(table, out, overwrite=what.overwrite)
     point_map = None if what.map_folder is None else _map_of(what.map_folder, table, read_rows(table))
@@ -65,7 +65,7 @@ def export(what: ExportOptions, ranges: RangeOptions) -> None:
     scans, points = None, ""
     if what.scans is not None:
         scans = open_scans(what.scans, what.times, topic=what.topic, at_stamp=what.at_stamp)
-    if scans is not None and suffix in SCAN_SUFFIXES:
+    if scans is not None and suffix in PLACED_SUFFIXES:
         rows, n_points = export_scans(table, out, scans, crs, point_map=point_map, **vars(ranges))
         points = f", {n_points:,} points"
     else:

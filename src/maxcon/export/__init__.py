@@ -4,14 +4,14 @@ import os
 from pathlib import Path
 
 from maxcon.errors import CrsError, OptionError, TrajectoryError
-from maxcon.export.points import MAP_SUFFIXES, SCAN_SUFFIXES, export_map, write_placed_scans
+from maxcon.export.points import MAP_SUFFIXES, PLACED_SUFFIXES, export_map, write_placed_scans
 from maxcon.export.pose_rows import NEEDING_CRS, PARQUET, WRITERS, PoseRow, read_rows, times_beside
 from maxcon.export.scene import RERUN_SUFFIX, Scene, epochs_of_rows, with_rerun, write_mcap
 from maxcon.io.scans import Scans
 from maxcon.map import PointMap
 
 __all__ = [
-    "EXPORT_SUFFIXES", "MAP_SUFFIXES", "PARQUET", "SCAN_SUFFIXES", "SCENE_SUFFIXES", "PoseRow", "check_suffix",
+    "EXPORT_SUFFIXES", "MAP_SUFFIXES", "PARQUET", "PLACED_SUFFIXES", "SCENE_SUFFIXES", "PoseRow", "check_suffix",
     "export_map", "export_poses", "export_scans", "files_of_export", "read_rows",
 ]  # fmt: skip
 
@@ -62,16 +62,16 @@ def export_scans(
 
     With a map, points have dimensions `matched` (0 or 1) and `distance` from its planes, m, NaN where not matched.
     """
-    rows, crs = _rows_to_export(table, Path(out).suffix.lower(), SCAN_SUFFIXES, crs)
+    rows, crs = _rows_to_export(table, Path(out).suffix.lower(), PLACED_SUFFIXES, crs)
     return rows, write_placed_scans(Path(out), rows, scans, crs, point_map, min_range, max_range)
 
 
-def check_suffix(suffix: str, suffixes: tuple[str, ...] = (*EXPORT_SUFFIXES, *SCAN_SUFFIXES)) -> None:
+def check_suffix(suffix: str, suffixes: tuple[str, ...] = (*EXPORT_SUFFIXES, *PLACED_SUFFIXES)) -> None:
     """Refuse a suffix that is none of some: OptionError."""
     if suffix not in suffixes:
         raise OptionError(
             f"Expected a file to export to with suffix {', '.join(EXPORT_SUFFIXES)}, or for scans"
-            f" {' or '.join(SCAN_SUFFIXES)}, got {suffix!r}. Rename it."
+            f" {' or '.join(PLACED_SUFFIXES)}, got {suffix!r}. Rename it."
         )
 
 

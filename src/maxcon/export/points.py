@@ -29,7 +29,7 @@ from maxcon.map.tile import VoxelTile
 from maxcon.refine.adjustment import planes_near, table_around
 from maxcon.scan import Scan
 
-SCAN_SUFFIXES = (".laz", ".las")  # of scans placed in the map
+PLACED_SUFFIXES = (".laz", ".las")  # of scans placed in the map
 MATCHED = 0.3  # so near a plane of the map a point is matched, m
 RESOLUTION = 0.001  # of the stored coordinates, m
 SAME_TIME = 1e-3
