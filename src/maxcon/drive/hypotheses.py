@@ -20,12 +20,12 @@ from maxcon.search.space import PAPER_CELL, PAPER_STEP_DEG, SearchSpace
 
 # Scans taken within this way see much the same surfaces: together they are held to say as much as one, m.
 WAY_OF_EVIDENCE = 2.0
-LEAST_RATIO = 0.1  # what no scan matches is not worth nothing: the next scan may be hidden no longer
-LEAST_EVIDENCE = 0.05  # A hypothesis worth less than this fraction of the best one is given up
+LEAST_RATIO = 0.1  # a scan that matches nowhere leaves a place this ratio: what hides the map may be gone in the next
+LEAST_EVIDENCE = 0.05  # a hypothesis worth less than this ratio to the best one is given up
 MOST_HYPOTHESES = 8
-MOST_AGREEMENT = 4.0  # what has agreed for long is not doubted for one scan that is hidden, but for the third in a row
-# The share of a scan that agreed is averaged with those before, which weigh this. A scan of which less than this ratio
-# of the usual share matches is not of this place.
+MOST_AGREEMENT = 4.0  # where scans agreed for long, three in a row that do not are bridged, the fourth is not
+# The usual share of matches is a mean in which earlier scans weigh USUAL_LASTS. A scan that matches with less than
+# LEAST_OF_USUAL of it is not of this place.
 USUAL_LASTS, LEAST_OF_USUAL = 0.8, 0.2
 STANDSTILL = Motion.none()
 

@@ -35,13 +35,14 @@ RATIO_AT_FIRST = 0.5
 # Once the track was told apart from all other places, one that fits about as well has all against it that was seen
 # before: only a slip of the odometry could have brought the sensor there. One that fits clearly better has not.
 NEWCOMER = 0.1
-# Of several places the best is not believed before all others are worth less than this; then it is for longer.
+# The best of several places is believed once all others are worth less than this; from then on up to the method's own
+# largest second best ratio.
 TOLD_APART = 0.5
-# A place so far from the prediction, m, and out of its window, is one that motion does not lead to: scans have to agree
-# over so much of the way, m, unless a prior is near.
+# Motion does not lead to a place farther than APART from the prediction, m, and out of its window: scans have to agree
+# with it over PROVEN of the way, m, unless a prior is near.
 PROVEN, APART = 25.0, 3.0
-WIDER = 3.0  # A scan that fits best at the rim of its window is compared again in one of so many times its width
-WALKING_PACE = 1.0  # A vehicle that stands looks widely as often as one that walks, m/s
+WIDER = 3.0  # a scan that fits best at the rim of its window is compared again in one that is so many times as wide
+WALKING_PACE = 1.0  # m/s; while a vehicle stands, other places are looked for as often as at this speed
 UNKNOWN = np.diag([np.inf, np.inf])
 
 
