@@ -1,4 +1,4 @@
-"""The best cell of a search space, by the search that suits the space and the objective, and how far it is trusted."""
+"""The best cell of a search space, by the search that suits the space and the objective, and its status so far."""
 
 import math
 from dataclasses import dataclass, replace
@@ -30,8 +30,8 @@ from maxcon.search.space import PAPER_STEP_DEG, Cell, SearchSpace
 
 # Least ratio to the best score that is asked for, where every other candidate is to be known.
 LEAST_RATIO = 1e-6
-# Scores in large cells rank poses less sharply than those in small ones: a candidate that reaches so much of the asked
-# ratio is followed.
+# Scores in large cells rank poses less sharply than those in small ones: a candidate is followed if it reaches this
+# part of the asked ratio.
 BLUNT = 0.85
 
 
@@ -42,8 +42,8 @@ class BestCell:
     space, prior: the cells of its height, and the prior raised to it.
     cell, score, moments: index, score and moments, shape (4,), of the cell.
     runner_up: the ratio.
-    is_at_boundary: whether the cell lies at the boundary of the whole space; None where `space` is that.
-    share: of the points that were searched with that match; None where they are those of the thinned scan.
+    is_at_boundary: whether the cell lies at the boundary of the whole space; None: that is still to be found.
+    share: ratio of the searched points that match; None: that of the thinned scan is still to be found.
     is_mirrored: whether the mirror image of the scan fits better.
     """
 
@@ -74,7 +74,7 @@ class BestCell:
 
 @dataclass(frozen=True, slots=True)
 class CellSearch:
-    """How the best cell is found and validated; its parameters are those of `MaximumConsensus`."""
+    """How the best cell is found and judged; its parameters are those of `MaximumConsensus`."""
 
     objective: Objective
     multiplicity: str | Multiplicity
@@ -115,8 +115,8 @@ class CellSearch:
     def candidates(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
         """Candidates of an open space, the highest score first; none where nothing scores.
 
-        `runner_up` is a ratio by Helmert's score: of the highest other candidate, or that below which large cells were
-        not followed.
+        `runner_up` of each is the highest other candidate's ratio, or the ratio below which large cells were not
+        followed, if that is higher.
         """
         scoring = Scoring(self.objective, Multiplicity(self.multiplicity), Weighting(self.weighting))
         ratio = BLUNT * self._asked_ratio
@@ -124,7 +124,7 @@ class CellSearch:
         scores = [float(Helmert().score(each.moments)) for each in found]
 
         def ratio_of_other(k: int) -> float:
-            """A candidate is as good as another that scores as much with as many matches: neither alone tells."""
+            """Ratio of scores, or of scores times shares if that is less: score and matches both have to rival."""
             if scores[k] <= 0.0:
                 return math.inf
             others = [j for j in range(len(found)) if j != k]
@@ -166,14 +166,14 @@ class CellSearch:
         """Return the estimate of a best cell: how far it may be trusted, and what casts doubt on it."""
         _, nxx, nxy, nyy = (float(moment) for moment in best.moments)
         is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
-        is_beyond, share = best.is_at_boundary, best.share
+        at_boundary, share = best.is_at_boundary, best.share
         if share is None:
             share = self._matched_ratio(best, scan.thinned(self.thinning), point_map)
-        if is_beyond is None:
+        if at_boundary is None:
             searched = scan.thinned(self.thinning)
-            is_beyond = best.space.is_at_boundary(best.cell) or self._is_higher_beyond(best, searched, point_map)
+            at_boundary = best.space.is_at_boundary(best.cell) or self._is_higher_beyond(best, searched, point_map)
         status = self.trust.status_of_cell(
-            is_determined=is_determined, share=share, is_at_boundary=is_beyond, runner_up=best.runner_up
+            is_determined=is_determined, share=share, is_at_boundary=at_boundary, runner_up=best.runner_up
         )
         reasons = reasons_to_doubt_scan(scan, best.prior)
         if self.multiplicity == Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches

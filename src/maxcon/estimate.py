@@ -84,13 +84,13 @@ class Estimate:
         Q = N^-1 of x and y at the best cell (equation (4)): the covariance up to the variance factor, in
         units of one match's variance. Infinite on the diagonal where the matches leave a direction open.
     share : float
-        Fraction of the points that were searched with that match the map at the best cell, 0 to 1.
+        Ratio of the searched points that match the map at the best cell, 0 to 1.
     runner_up : float
         Helmert's score of the second best candidate, farther than a guard radius away, over that of the best cell: near
-        0 where the answer is distinct, near 1 where it is ambiguous. By bounds in given cells it is what was proved: no
-        other scores more than this, exact where that is too much to be trusted. In an open space it is the highest of
-        the candidates that were adjusted, of each the lesser of the ratios of scores and of scores times matches; or
-        the ratio that large cells proved of all others (D11).
+        0 where the answer is distinct, near 1 where it is ambiguous. In given cells it is proved that no other scores
+        more, and it is exact if it exceeds `Trust.largest_runner_up`. In an open space it is the highest ratio of
+        another adjusted candidate, of scores or, if less, of scores times shares; and at least the ratio that large
+        cells prove of all places that were not followed (D11).
     reason : str
         Why the answer, of whatever status, is to be doubted: what is unusual about the scan or about the matches that
         carry it, in words; empty if nothing is.

@@ -1,4 +1,4 @@
-"""Whether the best cell of a search may be trusted, in which word it may not, and what casts doubt on it."""
+"""Whether an answer may be trusted: thresholds and statuses, reasons to doubt, protection levels, peak ratios."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FEWEST_HORIZONTAL = 0.03
 HORIZONTAL = math.sin(math.radians(30.0))
 # An answer that so few full matches carry along its least determined direction rests on a single small surface.
 FEWEST_CARRYING = 10.0
-# Fraction of wrong answers among those localized that trials could exclude (D12).
+# Trials leave this ratio of wrong answers among those localized possible, with 95 % confidence (D12).
 WRONG_PLACE = 0.005
 
 RATIOS = ("least_share", "largest_runner_up", "least_wall_share", "least_confirmed_share")
@@ -38,30 +38,30 @@ RATIOS = ("least_share", "largest_runner_up", "least_wall_share", "least_confirm
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """From where on an answer is not trusted.
+    """Thresholds that an answer has to meet to be called localized; the status says which it did not meet.
 
     Parameters
     ----------
     least_share : float
-        Of the scan's points, so many must match the map at the best cell, 0 to 1.
+        At least this ratio of the scan's points must match the map at the best cell, 0 to 1; else *few matches*.
     largest_runner_up : float
-        Helmert's score of the second best candidate over that of the best cell may reach this, 0 to 1; with 1 an
-        answer is never ambiguous, unless the second best scores higher.
+        Helmert's score of the second best candidate over that of the best cell may be at most this, 0 to 1; else
+        *ambiguous*. With 1 an answer is never ambiguous, unless the second best scores higher.
     guard_radius : float
         The second best lies farther than this from the best cell, m: a peak that is half a metre wide is a
         matter of precision, not of another candidate.
     least_wall_share : float
-        This fraction of the wall points of each orientation bin must lie on walls of the map at the refined pose, 0 to
-        1; where less do, a wider search has to find the same pose.
+        At least this ratio of the wall points of each orientation bin must lie on walls of the map at the refined pose,
+        0 to 1; else a wider search has to find the same pose, or it is *walls missing*.
     least_confirmed_share : float
         The same once a wider search found the same pose.
     fewest_planes : int
-        So many points must lie on planes of the map at the refined pose.
+        At least so many points must lie on planes of the map at the refined pose; else *not confirmed*.
     farthest_move : float
-        The refined pose may lie so far from the best cell, m.
+        The refined pose may lie at most so far from the best cell, m; else *not confirmed*.
     largest_misfit : float
-        How far the worst test of the fit (`maxcon.refine.fit`) may be beyond its limit, as a ratio: with 1 the limits
-        are as they were fitted to right answers, with infinity no answer is refused for them.
+        The worst test of the fit (`maxcon.refine.fit`), over its limit, may be at most this; else *misfit*. With 1 the
+        limits are as they were fitted to right answers, with infinity no answer is refused for them.
 
     Raises
     ------
@@ -99,7 +99,7 @@ class Trust:
         return Status.LOCALIZED
 
     def status_of_pose(self, *, n_planes: int, moved: float, wall_share: float | None, is_confirmed: bool) -> Status:
-        """Return the status of a best cell that was localized, after its pose was adjusted to the map.
+        """Return the status of an answer that is localized so far, after its pose was adjusted to the map.
 
         `n_planes` points lie on planes of the map, the pose moved by `moved` m from the cell, and `is_confirmed` says
         whether a wider search found the same pose. `wall_share` is the least fraction of wall points found of all

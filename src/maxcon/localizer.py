@@ -45,8 +45,7 @@ class MaximumConsensus:
     space : SearchSpace
         The candidate poses around each prior; 12 m and 10 degrees if not given. An open space, without a cell, is
         searched coarse to fine: in large cells of a level of the map first, whose candidates are then adjusted to the
-        map.
-        One with a cell is searched in these cells alone, `SearchSpace.paper()` in the paper's.
+        map. One with a cell is searched in these cells alone, `SearchSpace.paper()` in the paper's.
     objective : Objective or {"helmert", "count", "max-eigenvalue"}
         What a cell is worth; Helmert's point error if not given. Any object with ``score(moments)``.
     multiplicity : {"occupied", "points"}
@@ -54,7 +53,7 @@ class MaximumConsensus:
     n_threads : int
         Headings searched at the same time; the answer does not depend on it.
     trust : Trust
-        From where on an answer is not called localized.
+        Thresholds that an answer has to meet to be called localized.
     weighting : {"cosine", "published", "one"}
         Weight of a match in N: max(0, n_scan . n_map), and 1/2 where the scan point has no normal; the same, but 0
         there, as published; or 1 (D5).
@@ -70,8 +69,8 @@ class MaximumConsensus:
         Whether the pose of the best cell is adjusted to the surfaces of the map and validated there, and a covariance
         given. Without, the answer is the cell, as published; of an open space the candidate.
     wider : float
-        Where an answer is in doubt, all poses within so much of it along x and y are searched too, coarse to fine, m;
-        0 for never, as where the prior is certain to hold the true pose.
+        An answer in doubt is searched for once more, coarse to fine, up to so far around it along x and y, m; 0 for
+        never, where the search space is certain to hold the true pose.
     risk : float
         The error may be larger than the protection level with at most this probability.
     is_levelled : bool
@@ -79,9 +78,9 @@ class MaximumConsensus:
         and map agree on it; the heights of `space` are searched where they do not. Otherwise these are always searched.
         An answer in doubt is searched for once more from the tilt of the scan's own surfaces, if that is another one.
     widest : float
-        An answer that stays in doubt is searched for once more, twice as far around as before, until it is localized or
-        this is reached, m; 0 for never. For spaces of a covariance that may be too small: turns reach as far as by
-        default, too.
+        An answer that stays in doubt is searched for again, each time twice as far around, until it is localized or
+        this is reached, m; 0: within `wider` only. For spaces of a covariance that may be too small: turns then reach
+        at least as far as by default.
 
     Raises
     ------

@@ -30,9 +30,10 @@ from maxcon.search.space import SearchSpace
 HELD_HEIGHT_SIGMA, HELD_TILT_SIGMA = 0.03, 0.002
 # Points so near to the scan's own ground plane are left out of the coarse search, m.
 ON_GROUND = 0.25
-# Candidates that score so much of the best one are adjusted to the end before they are compared.
+# Candidates that reach this ratio to the best score are adjusted to the end before they are compared.
 CONTENDING = 0.5
-# A scan whose y axis is to the right is a mirror image. One is adjusted to the end if it has so much of the share.
+# A scan whose y axis is to the right is a mirror image. Its image is adjusted to the end if its share of matches is at
+# least this ratio to that of the scan itself.
 MIRROR, NEARLY = np.array([1.0, -1.0, 1.0]), 0.97
 # A window that reaches no farther than this, m and degrees, is within reach of the adjustment: no large cells are
 # searched.

@@ -20,22 +20,21 @@ from maxcon.scan import Scan
 PATCH_OFF = 0.05
 """A patch of the scan is off if the median of the distances of its points exceeds this, m."""
 USUALLY_OFF, FALSE_ALARM_SIGMAS = 0.15, 4.0
-"""Of right answers up to this fraction of the patches is off, and their number scatters as drawn at random."""
+"""At right answers at most this ratio of the patches is off, but for so many sigmas of a number drawn at random."""
 SIDE_POINTS, FACING, MOST_FOUND = 60, 0.75, 0.25
-"""Walls to one side are judged by so many points, with a normal of this part along an axis, if at most this fraction is
-found."""
+"""Walls to one side are tested if they have so many points whose normals have at least this part along the axis, of
+which at most this ratio was found on the map."""
 FARTHEST, TOGETHER, DISPLACED = 1.6, 0.24, 0.4
-"""They are displaced if of the points that lie on walls of the map, or up to so far beside one that faces alike, all
-within so much of another, m, more than this fraction lies beside."""
+"""They are displaced if the map has walls that face alike up to so far beside them, m, the points' distances from these
+agree within so much, m, and the points beside are more than this ratio of those beside and those found."""
 FOUND_BEFORE = 2
 """Added to the number of found points: few are less certain than many."""
 NEAR, CLOSE, FEWEST_NEAR = 0.21, 0.05, 200
-"""Of so many points nearer to their planes than the first, m, the ratio that is nearer than the second tells whether
-the map explains the scan: at wrong places points lie near some plane by chance."""
+"""Of the points within `NEAR` of their planes, m, the ratio within `CLOSE` tells whether the map explains the scan: at
+wrong places points lie near some plane by chance. Fewer points tell nothing."""
 LEAST_CLOSE, THIN, LOSS, SMALL_CELL = 0.77, 0.025, 8.0, 0.09
-"""So many must be close where surfaces of the scan are no thicker than `THIN`, m; of thicker ones, by the scanner's
-noise or the map's sigma, less: `LOSS` times the difference. Not asked in maps of larger cells, m, which blur surfaces.
-"""
+"""This ratio must be close if the scan's surfaces are no thicker than `THIN`, m, and the map's sigma no larger; else
+less, by `LOSS` times the difference. Maps of larger cells than `SMALL_CELL`, m, blur surfaces, and are not tested."""
 NEIGHBOURS, FEWEST_PAIRS, MOST_PAIRS = 0.6, 50, 3000
 """The thickness of a scan's surfaces is how far the next point lies from a point's plane, in the median of so many
 pairs that are nearer to each other, m."""
@@ -45,7 +44,7 @@ UNKNOWN, COVERED = 2.0, 0.25
 """The misfit where a scan is explained in no way, or in two from two places; within this distance, m, the covariance
 covers both of them."""
 UNMODELLED = 0.33
-"""Of the shift that a pattern of the scan causes so much is left as an error: motion is not as even as the pattern."""
+"""This ratio of the shift that a pattern causes is left as an error: motion is not as even as the pattern."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

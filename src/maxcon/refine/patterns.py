@@ -24,13 +24,14 @@ MOST_POINTS = 1400
 PATCH_POINTS = 4
 """A patch of the scan has at least so many points."""
 SIGNIFICANT, NOTABLE_SHIFT = 2.0, 0.04
-"""A pattern is tried if one step finds it larger than so many of its standard deviations, and than its own notable size
-or one that shifts the pose by so much, m."""
+"""A pattern is tried if one step finds it larger than so many of its standard deviations, and either larger than its
+notable size or shifting the pose by more than `NOTABLE_SHIFT`, m."""
 LEAST_GAIN = 0.03
-"""The scan has it if it is as large and significant after all steps, and the points of the scan without it have so much
-more weight, as a ratio."""
+"""The scan has a pattern if it is still notable and significant after all steps, and without it the scan's points gain
+more weight than this, as a ratio."""
 RIVALLING, APART = 0.5, 0.1
-"""A pattern with this ratio of that gain, less `LEAST_GAIN`, rivals it if its pose lies so far away, m."""
+"""Another pattern rivals it if it gains more than `RIVALLING` times that, less `LEAST_GAIN`, at a pose that lies more
+than `APART` away, m."""
 LARGE, INSECURE_GAIN = 5.0, 0.06
 """A pattern of so many times its notable size that a scan does not have is left unexplained; so is the one with the
 largest gain if that exceeds this, and its size is not significant."""

@@ -14,14 +14,14 @@ from maxcon.refine.fit import fit_of
 from maxcon.refine.ground import GroundFit, share_below_ground
 from maxcon.scan import Scan
 
-# A height and a tilt told by the ground are not taken for better than this, m and rad: of walls and ground in the map
-# each has its own error.
+# Height and tilt by the ground are not held for more exact than this, m and rad: walls and ground of a map have errors
+# of their own.
 GROUND_HEIGHT_SIGMA, GROUND_TILT_SIGMA = 0.03, 0.003
 # A wall point has a normal with a vertical part below LEVEL; it is found if a plane of the map lies within this, m.
 LEVEL = 0.5
 FOUND_WITHIN = 0.08
-N_BINS = 6
-FEWEST_POINTS = 20
+N_BINS = 6  # orientation bins of wall points, 30 degrees of azimuth each; both sides of a wall are in one
+FEWEST_POINTS = 20  # bins with fewer wall points are not judged
 # Without a ground fit, an answer is in doubt where more of the scan's lowest points lie below the map's ground.
 MOST_BELOW_GROUND = 0.05
 # Added to the numbers of found and of all points: 2 of 20 are less certain than 20 of 200.
@@ -46,7 +46,7 @@ def validate(
     ground: the fit of the scan's ground at the place that was found, where that can be told.
     scan: all its points, with normals, sensor frame.
     point_map: the map.
-    trust: from where on the answer is not trusted.
+    trust: thresholds for the answer to stay localized.
     risk: of an error larger than the protection level.
     is_confirmed: whether a wider search found the same place.
     passes: of the adjustment; the last ones suffice for a candidate that is adjusted already.

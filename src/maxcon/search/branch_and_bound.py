@@ -22,15 +22,15 @@ from maxcon.search.scored_cells import Found, ScoredCells
 from maxcon.search.space import Cell, SearchSpace
 
 # When to score, to sum again, or to score all cells of a heading: a matter of time and memory, not of the best cell.
-# Cells scored after each pass, those of the highest bounds; and later at a time, from the highest bound on.
+# After each pass so many cells of the highest bounds are scored; in the end so many at a time, highest bounds first.
 FIRST_CELLS, SCORED_AT_ONCE = 2, 8
-# More cells left open by a pass are summed again, along the axis of the best cell so far.
+# If a pass leaves more cells open, they are summed again, along the axis of the best cell so far.
 MOST_LEFT_OPEN = 192
 # Cells of a heading that are scored together in the time that one cell by itself takes.
 CELLS_PER_SINGLE = 120
 # Cells bounded in one pass: 2^22 sums take 16 MiB, or 32 MiB where voxels count as often as they have points.
 HEADINGS_PER_PASS, CELLS_PER_PASS = 16, 2**22
-# A search that would look at more cells at one heading, or left open by bounds, is refused.
+# A search is refused if it has more cells at one heading, or if bounds leave more cells open.
 MOST_SCORED = 2**26
 
 

@@ -31,18 +31,18 @@ SAME_POSE, SAME_POSE_DEG = 1.0, 4.0  # cells this near to each other, m and degr
 AT_ONCE, MOST_CERTAIN = 64, 0.9
 """So many cells are scored at once; at first some whose bound reaches this ratio to the highest one."""
 IMAGE_RATIO, IMAGE_WITHIN, IMAGE_WITHIN_DEG = 0.75, 6.0, 4.0
-"""A mirror image that scores so much of the scan itself, so near to its best cell, m and degrees, and in the search
-space, is told of."""
+"""The mirror image of the scan is kept if it reaches this ratio to the best score, within so much of the best cell, m
+and degrees, in the search space."""
 MOST_SCORED = 4096  # where so many cells are worth nothing, as along a single wall, no more are scored
 
 
 @dataclass(frozen=True, slots=True)
 class LeftOpen:
-    """Poses of large cells near the best, the highest score first; no other exceeds `rest_ratio` to it."""
+    """Poses of large cells that score nearly as much as the best, the highest first; no other exceeds `rest_ratio`."""
 
     poses: list[Pose]
-    rest_ratio: float
-    image: Pose | None = None  # where the mirror image scores most near the best pose, if nearly as much
+    rest_ratio: float  # to the best score
+    image: Pose | None = None  # where the mirror image of the scan scores most near the best pose, if enough
 
 
 def coarse_search(

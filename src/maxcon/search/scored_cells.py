@@ -48,7 +48,7 @@ class Found:
 
 
 class ScoredCells:
-    """Scores cells of one height; remembers the best, and those that reach what is asked, and any `known` best."""
+    """Scores cells of one height; keeps the best and those that reach the asked score. `known`: of other heights."""
 
     def __init__(
         self,
