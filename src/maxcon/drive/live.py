@@ -52,8 +52,8 @@ class Effort(NamedTuple):
     """What an answer took.
 
     - processor_ms: processor time of its thread: less than `epoch.milliseconds` where others had the processor.
-    - n_tiles: tiles that were not there yet, so that it had to load them.
-    - half_width: within which the scan was searched around its prediction or prior, m.
+    - n_tiles: tiles that were not in memory yet, so that it had to load them.
+    - half_width: how far around its prediction or prior the scan was searched for, m.
     """
 
     processor_ms: float
@@ -66,7 +66,8 @@ class LiveAnswer:
     """The answer for a scan.
 
     - epoch: pose, covariance, status and reason, as of a drive; its number counts the answers.
-    - T_map_odom: correction of the odometry, local frame, by the last scan that was localized; None before.
+    - T_map_odom: what puts poses of the odometry into the local frame of the map, by the last scan that was localized;
+      None before there is one, or without odometry.
     - counts: of scans so far.
     - effort: what it took.
     """
@@ -105,11 +106,23 @@ class LiveLocalizer:
     Stamps are in s, of one clock for all. Where a method takes `now`, that is when it is called, s, of any clock that
     does not jump: the machine's if not given.
 
-    - point_map: the map; with ground, if it is to be searched without a prior.
-    - method: how scans are compared with the map.
-    - noise: of the odometry; of priors, where they tell the motion.
-    - options: how messages are waited for.
-    - drive: which points are used, and the largest gap in odometry and priors.
+    Parameters
+    ----------
+    point_map : PointMap
+        The map; with ground, if it is to be searched without a prior.
+    method : MaximumConsensus, optional
+        How scans are compared with the map.
+    noise : MotionNoise, optional
+        Of the odometry; of priors, where they tell the motion.
+    options : LiveOptions, optional
+        How messages are waited for.
+    drive : DriveOptions, optional
+        Which points are used, and the largest gap in odometry and priors.
+
+    Raises
+    ------
+    ArrayError
+        From methods that take what comes, if a shape is wrong, or a number not finite or above 1e12.
     """
 
     def __init__(
@@ -147,11 +160,9 @@ class LiveLocalizer:
     ) -> None:
         """Take a scan.
 
-        time: stamp, s.
-        points: shape (n, 3); sensor frame, m.
-        point_times: shape (n,); when each was measured, s after `time`, if the scan is to be deskewed by the odometry.
-
-        ArrayError if a shape is another; and, as for all that comes, if a number is not finite, or above 1e12.
+        - time: stamp, s.
+        - points: shape (n, 3); sensor frame, m.
+        - point_times: shape (n,); when each was measured, s after `time`, if the scan is to be deskewed.
         """
         found = as_points(points, "points")
         offsets = None if point_times is None else np.asarray(point_times, dtype=np.float64)
@@ -168,14 +179,14 @@ class LiveLocalizer:
         self._inbox.add_scan(WaitingScan(time, end, clock.monotonic() if now is None else now, raw))
 
     def add_odometry(self, time: float, T_odom_sensor: Pose) -> None:
-        """Take a pose of the odometry, in any frame, drifting; time in s."""
+        """Take a pose of the sensor by its odometry, in any frame, which may drift; time in s."""
         _check("odometry", time, *T_odom_sensor.values)
         with self._inbox.changed:
             self._inbox.odometry.add(time, T_odom_sensor)
             self._inbox.changed.notify_all()
 
     def add_prior(self, time: float, T_map_sensor: Pose) -> None:
-        """Take a rough pose, global coordinates in the CRS of the map; time in s."""
+        """Take a rough pose of the sensor, global coordinates in the CRS of the map; time in s."""
         _check("a prior", time, *T_map_sensor.values)
         local = self.map.frame.pose_to_local(T_map_sensor)
         with self._inbox.changed:

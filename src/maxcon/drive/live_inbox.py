@@ -44,7 +44,13 @@ class LiveOptions:
 
 
 class LiveCounts(NamedTuple):
-    """Scans so far: answered; dropped, for others were waiting; later than the delay; with the time of another."""
+    """Scans so far.
+
+    - n_answered: those with an answer.
+    - n_dropped: those that gave way to newer ones that waited.
+    - n_late: those that came when a later scan was answered or dropped already.
+    - n_duplicates: those with the time of another.
+    """
 
     n_answered: int = 0
     n_dropped: int = 0

@@ -48,8 +48,8 @@ class Method(Protocol):
 class DriveOptions:
     """Which points and which priors are used; OptionError if not 0 <= min_range < max_range.
 
-    min_range, max_range: points nearer or farther than this are left out, m.
-    max_gap: largest time between two poses of the prior trajectory to interpolate across, s.
+    - min_range, max_range: points nearer or farther than this are left out, m.
+    - max_gap: largest time between two poses of the prior trajectory to interpolate across, s.
     """
 
     min_range: float = 1.0
@@ -64,16 +64,16 @@ class DriveOptions:
 class EpochEstimate:
     """The answer for one epoch of a drive.
 
-    epoch: number of the scan in the drive, from 0.
-    raw: what was read, and what was dropped of it.
-    status: whether the pose may be used, with words.
-    milliseconds: from points in memory to the pose, scan normals included.
-    scan: the points localized; none once `without_points`.
-    prior: local frame; None without one.
-    estimate: local frame; None where nothing was searched.
-    pose_global: the pose in global coordinates; None unless localized.
-    reason: why there is no answer, or what casts doubt on it, where the status does not say all.
-    crs: of the global pose, EPSG:25832 or the like; empty where it is not known.
+    - epoch: number of the scan in the drive, from 0.
+    - raw: what was read, and what was dropped of it.
+    - status: whether the pose may be used, in a word; `status.explanation` says what to do.
+    - milliseconds: from points in memory to the pose, scan normals included.
+    - scan: the points localized; none once `without_points`.
+    - prior: rough pose, T_map_sensor, local frame; None without one.
+    - estimate: the answer, local frame; None where nothing was searched.
+    - pose_global: its pose in global coordinates, in `crs`; None unless localized.
+    - reason: why there is no answer, or what casts doubt on it, where the status does not say all.
+    - crs: of the global pose, EPSG:25832 or the like; empty where it is not known.
     """
 
     epoch: int

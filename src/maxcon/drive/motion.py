@@ -16,8 +16,8 @@ from maxcon.scan.trajectory import Trajectory
 # Of a heading that is wrong by s at the end of a motion and grew evenly or at random, the position at the end is
 # off by up to s / sqrt(3) of the way.
 WAY_OF_TURN = 1.0 / math.sqrt(3.0)
-# Odometry jumps that is so far from smooth, m and degrees per square root of a second, far more than wheels slip; and
-# farther than by braking and steering all the time, m/s^2 and degrees/s^2.
+# Odometry jumps if it is farther from smooth than JUMPS, m and degrees per square root of a second, which is far more
+# than wheels slip, and farther than braking and steering all the time explain, m/s^2 and degrees/s^2.
 JUMPS, JUMPS_DEG = 0.2, 5.0
 HARDEST, HARDEST_TURN_DEG = 2.5, 40.0
 PLANAR = [0, 1, 5]  # x, y and heading among x, y, z, roll, pitch and heading
@@ -36,10 +36,10 @@ def check_numbers(options: Any, *, may_be_zero: bool) -> None:
 class Motion:
     """A relative pose with the way and the time it took.
 
-    pose: T_before_after: where the sensor is afterwards, in its own axes before; m and rad.
-    distance: way driven, m; longer than the straight line where the drive turned.
-    seconds: time taken, s.
-    turned: turns of the heading to either side, added up, rad.
+    - pose: T_before_after: where the sensor is afterwards, in its own axes before; m and rad.
+    - distance: way driven, m; longer than the straight line where the drive turned.
+    - seconds: time taken, s.
+    - turned: turns of the heading to either side, added up, rad.
     """
 
     pose: Pose
@@ -73,12 +73,12 @@ class MotionNoise:
     The defaults are those of wheels and a gyroscope as cars have them, doubled. OptionError if one is negative or not
     finite.
 
-    share: of the way driven, in each direction: wheels are worn, or slip.
-    turn_share: of the turns of the heading.
-    heading_drift_deg: of the heading, degrees per second: the bias of a gyroscope.
-    heading_walk_deg: of the heading, degrees per square root of a second.
-    walk: of the position, m per square root of a second.
-    tilt_deg: of roll and pitch, degrees, however long the motion: gravity holds them.
+    - share: of the position, as a ratio of the way driven, in each direction: wheels are worn, or slip.
+    - turn_share: of the heading, as a ratio of its turns.
+    - heading_drift_deg: of the heading, degrees per second: the bias of a gyroscope.
+    - heading_walk_deg: of the heading, degrees per square root of a second.
+    - walk: of the position, m per square root of a second.
+    - tilt_deg: of roll and pitch, degrees, however long the motion: gravity holds them.
     """
 
     share: float = 0.02
@@ -140,8 +140,8 @@ class MotionNoise:
 class UncertainPose:
     """A pose and how well it is known.
 
-    pose: T_map_sensor, local frame of the map.
-    covariance: shape (6, 6); of x, y, z, roll, pitch and heading, map axes, m^2, m rad and rad^2.
+    - pose: T_map_sensor, local frame of the map.
+    - covariance: shape (6, 6); of x, y, z, roll, pitch and heading, map axes, m^2, m rad and rad^2.
     """
 
     pose: Pose
@@ -177,8 +177,8 @@ class UncertainPose:
     def adjusted(self, measured: Pose, covariance: NDArray[np.float64]) -> UncertainPose:
         """Return the pose that a measurement of it leaves: the update of the filter, in Joseph's form.
 
-        measured: local frame.
-        covariance: shape (6, 6); of the measurement; what it does not measure has an infinite variance.
+        - measured: local frame.
+        - covariance: shape (6, 6); of the measurement; what it does not measure has an infinite variance.
         """
         known = np.flatnonzero(np.isfinite(np.diag(covariance)))
         observed = np.eye(6)[known]

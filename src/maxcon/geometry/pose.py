@@ -51,13 +51,21 @@ def _rows(cos: Callable[..., Any], sin: Callable[..., Any], roll: Any, pitch: An
 class Pose:
     """T_map_sensor: position and orientation of the sensor in the map.
 
-    `T_a_b` maps from b to a, so `pose.apply(points_sensor)` are the points in the map's frame.
+    `T_a_b` maps from b to a, so `pose.apply(points_sensor)` are the points in the map's frame. Poses of a map or an
+    `Estimate` are in the map's local frame, those of a `Trajectory` in global coordinates; see `LocalFrame`.
 
-    - x, y, z: position of the sensor, m. z is up.
-    - roll, pitch, heading: orientation, rad: R = Rz(heading) Ry(pitch) Rx(roll). Heading is counter-clockwise from +x
-      and is kept in [-pi, pi).
+    Parameters
+    ----------
+    x, y, z : float
+        Position of the sensor, m. z is up.
+    roll, pitch, heading : float
+        Orientation, rad: R = Rz(heading) Ry(pitch) Rx(roll). Heading is counter-clockwise from +x and is kept in
+        [-pi, pi).
 
-    An ArrayError if a value is not a finite number.
+    Raises
+    ------
+    ArrayError
+        If a value is not a finite number.
     """
 
     x: float

@@ -28,12 +28,12 @@ SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     """Return the trajectory in `path`, T_map_sensor in global coordinates.
 
-    path: `.txt` or `.tum`: one pose per line, `time x y z qx qy qz qw` (s, m), `#` begins a comment. `.csv`: a header
-        with time, x, y, z, roll, pitch, heading (s, m, rad), or roll_deg, pitch_deg, heading_deg in degrees; other
-        columns are ignored, and so are rows with an empty x (not localized). How well poses are known, axes of the CRS:
-        either cov_x_x, cov_x_y, cov_x_heading, cov_y_y, cov_y_heading, cov_heading_heading (m^2, m rad, rad^2), as
-        POSES.csv has them, or standard deviations sigma_x, sigma_y (m), sigma_heading (rad) or sigma_heading_deg. All
-        are empty in a row where that is not known.
+    - `.txt` or `.tum`: one pose per line, `time x y z qx qy qz qw` (s, m), `#` begins a comment.
+    - `.csv`: a header with time, x, y, z, roll, pitch, heading (s, m, rad), or roll_deg, pitch_deg, heading_deg in
+      degrees; other columns are ignored, and so are rows with an empty x (not localized). How well poses are known,
+      axes of the CRS: either cov_x_x, cov_x_y, cov_x_heading, cov_y_y, cov_y_heading, cov_heading_heading (m^2, m rad,
+      rad^2), as POSES.csv has them, or standard deviations sigma_x, sigma_y (m), sigma_heading (rad) or
+      sigma_heading_deg. All are empty in a row where that is not known.
 
     FileError if the file is missing, not a file, cannot be read, or has another suffix; TrajectoryError if a line is
     not a pose, times do not increase, a covariance is none, some of its columns are missing, or there is no pose; file

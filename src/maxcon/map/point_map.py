@@ -37,15 +37,24 @@ PREFETCHED_AROUND = 2
 
 
 class PointMap:
-    """The map a scan is localized in. Make one with `from_points` or `open`.
+    """The map a scan is localized in: voxels of a point cloud, in tiles; and the heights of the ground, if known.
 
-    A pickle of one that was opened holds its path, not its voxels: it is opened again where it is read.
+    Make one with `from_points` or `open`. All that its methods take and return is in its local frame, m; global
+    coordinates are turned by `frame`. Threads may share a map. A pickle of one that was opened holds its path, not its
+    voxels: it is opened again where it is read.
 
-    - frame: where the local frame lies in global coordinates.
-    - cell: voxel edge, m: the cell edge of any search in this map.
-    - is_signed: whether normals are turned to the sensor's side. If not, w = abs(n_scan . n_map) (D5).
-    - sigma: how well the map is known: standard deviation of its position along any axis, m.
-    - tile_voxels: voxels along an edge of a tile.
+    Attributes
+    ----------
+    frame : LocalFrame
+        Where the local frame lies in global coordinates: origin and CRS.
+    cell : float
+        Voxel edge, m; cells of a search are as large, or 2, 4, ... 32 times as large (`level`).
+    is_signed : bool
+        Whether normals are turned to the side that the mapping sensor saw. If not, w = abs(n_scan . n_map) (D5).
+    sigma : float
+        How well the map is known: standard deviation of the position of its surfaces along any axis, m.
+    tile_voxels : int
+        Voxels along an edge of a tile.
     """
 
     def __init__(
@@ -86,14 +95,26 @@ class PointMap:
     ) -> PointMap:  # fmt: skip
         """Rasterize points with normals into a map in memory.
 
-        - points, normals: shape (m, 3); local frame, m; unit normals, a row of zeros where there is none.
-        - cell: voxel edge, m.
-        - frame: where the local frame lies; at the global origin, without a CRS, if not given.
-        - is_signed: whether the normals are turned to the sensor's side.
-        - sigma: how well the points are known: standard deviation of their common position along any axis, m.
-        - ground: shape (k, 3); points on the ground, local frame, m, whose heights are kept beside the voxels.
+        Parameters
+        ----------
+        points, normals : array_like, shape (m, 3)
+            Local frame, m; unit normals, a row of zeros where there is none.
+        cell : float
+            Voxel edge, m.
+        frame : LocalFrame, optional
+            Where the local frame lies; at the global origin, without a CRS, if not given.
+        is_signed : bool
+            Whether the normals are turned to the side that the sensor saw.
+        sigma : float
+            How well the points are known: standard deviation of their common position along any axis, m.
+        ground : array_like, shape (k, 3), optional
+            Points on the ground, local frame, m, whose heights are kept beside the voxels: height, roll and pitch of
+            poses come from them.
 
-        An ArrayError if a number or a shape is wrong, or a normal no unit vector.
+        Raises
+        ------
+        ArrayError
+            If a number or a shape is wrong, or a normal no unit vector.
         """
         check_sigma(sigma)
         if not (math.isfinite(cell) and cell > 0.0):
@@ -109,13 +130,22 @@ class PointMap:
         cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31,
         left_out: Collection[SurfaceClass] | None = NOT_SEARCHED,
     ) -> PointMap:  # fmt: skip
-        """Open a map on disk; tiles are loaded when a search comes near them. A MapError if it is none, or broken.
+        """Open a map on disk; tiles are loaded when a search comes near them.
 
-        - path: the folder `maxcon map build` made, or the address it was copied to: `s3://bucket/prefix`, `http://`,
-          `https://`.
-        - cache_bytes: size of the LRU cache of tiles.
-        - left_out: what of an updated map is left out: by default what is gone. Nothing if None, and tiles have classes
-          then.
+        Parameters
+        ----------
+        path : path or str
+            The folder `maxcon map build` made, or the address it was copied to: `s3://bucket/prefix`, `http://`,
+            `https://`.
+        cache_bytes : int
+            Size of the LRU cache of tiles.
+        left_out : collection of SurfaceClass, or None
+            What of an updated map is left out: by default what is gone. Nothing if None, and tiles have classes then.
+
+        Raises
+        ------
+        MapError
+            If there is no map, or it is broken; later, from searches, if a tile is.
         """
         from maxcon.map.manifest import read_manifest
         from maxcon.map.storage import address_of, open_storage

@@ -54,12 +54,12 @@ FEWEST_POINTS = 50  # with fewer above the ground nothing is searched
 class Relocalization:
     """Where a scan was taken, and what is known of all other places of the map.
 
-    - estimate: the best place, judged; its second best is the best of all other places.
+    - estimate: the best place, judged; its `runner_up` is the best of all other places.
     - n_cells: large cells, at all headings, that were searched: those in which a scanner may stand.
     - n_coarse, n_half: places left by large cells, and by half as large ones.
-    - n_others: places that could not be excluded, beside the best one: those whose score exceeds the ratio to the best
-      one from which on an answer is ambiguous.
-    - places: those that were searched in the map's own cells, the highest score first.
+    - n_others: places that could not be excluded, beside the best one: their scores exceed
+      `Trust.largest_runner_up` times the best score.
+    - places: those that were adjusted to the map and score enough to be followed, the highest score first; local frame.
     """
 
     estimate: Estimate
@@ -73,15 +73,31 @@ class Relocalization:
 class Relocalizer:
     """Finds where in a map scans were taken, at any place and heading.
 
-    The map in large voxels is made tile by tile, when first needed, of at most three quarters of a gigabyte.
+    Make one and ask it often: it keeps the map in large voxels, made tile by tile when first needed, of at most three
+    quarters of a gigabyte. No prior is needed; the scan's z axis is up within 30 degrees.
 
-    - point_map: with ground, above which a scanner stands.
-    - around, radius: middle (x, y), local frame, and radius, m, of a circle in which the scanner stands; else anywhere.
-    - n_threads: headings and places searched at the same time; the answer does not depend on it.
-    - trust: thresholds for an answer to be called localized; with a least share of matches of 0.1, if not given.
-    - risk: the error may be larger than the protection level with at most this probability.
+    Parameters
+    ----------
+    point_map : PointMap
+        With ground, above which a scanner stands.
+    around : tuple of 2 float, optional
+        Middle (x, y), local frame, m, of a circle in which the scanner stands; anywhere if not given.
+    radius : float
+        Of that circle, m.
+    n_threads : int
+        Headings and places searched at the same time; the answer does not depend on it.
+    trust : Trust, optional
+        Thresholds for an answer to be called localized; the usual ones, but a `least_share` of 0.1, if not given.
+    risk : float
+        The error may be larger than the protection level with at most this probability.
 
-    A MapError if the map has no ground, or voxels of more than half a metre.
+    Raises
+    ------
+    MapError
+        If the map has no ground, or voxels of more than half a metre; from `check`, `localize` and `search`, if
+        there is none where the scanner may stand.
+    OptionError
+        If a number is out of its range.
     """
 
     def __init__(
@@ -124,7 +140,7 @@ class Relocalizer:
         return other
 
     def localize(self, scan: Scan) -> Estimate:
-        """Find the pose of a scan: the estimate of `search`."""
+        """Find the pose of a scan (sensor frame), local frame of the map: the estimate of `search`."""
         return self.search(scan).estimate
 
     def search(self, scan: Scan) -> Relocalization:

@@ -149,7 +149,7 @@ class Scan:
     def lowest_points(self, roll: float = 0.0, pitch: float = 0.0) -> NDArray[np.float64]:
         """Means of the lowest points in cells of half a metre, shape (m, 3), sensor frame: what may be ground.
 
-        roll, pitch: of the sensor, rad; the cells are level for the nearest multiples of `GROUND_TILT_STEP`.
+        `roll` and `pitch` are the sensor's, rad; the cells are level for the nearest multiples of `GROUND_TILT_STEP`.
         """
         from maxcon.scan import thinning_kernels
 
