@@ -5,4 +5,4 @@ from collections.abc import Callable
 __all__ = ["Progress"]
 
 Progress = Callable[[str, int, int], None]
-"""How long jobs tell how far they are: called with (step, done, of how many)."""
+"""A function that long jobs call as they go on, with (step, number done, number in all)."""

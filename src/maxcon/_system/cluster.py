@@ -47,7 +47,7 @@ def joined_cluster(address: str, close: Callable[[], None], warn: Callable[[str]
 
 
 class Cluster:
-    """The workers of a cluster, used as `engine.Processes`: dask itself tells a task that ends four of them."""
+    """The workers of a cluster, used as `engine.Processes`: dask itself reports a task that ends four of them."""
 
     allowed_deaths = 0
 

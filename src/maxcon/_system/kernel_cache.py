@@ -1,4 +1,4 @@
-"""Compiled code: kept by the content of all kernels and their constants, which numba does not; told of when made."""
+"""Compiled code is kept by the content of all kernels and their constants, which numba does not look at."""
 
 import hashlib
 import inspect

@@ -80,7 +80,7 @@ class Alternative:
 
     words: str  # what, and what to do about it, behind "would be localized were "
     prior: Callable[[Pose], Pose] = lambda prior: prior  # the prior, local frame, if it is meant so
-    # Of the scan, sensor frame, from those that were read, the prior and the origin of the map's local frame
+    # the scan's points, sensor frame, if they are meant so: of those that were read, the prior, the map's local origin
     points: Callable[[Points, Pose, Points], Points] = lambda points, prior, origin: points
     needs_angles: bool = False  # whether it is one of priors that are read as angles, not as quaternions
 

@@ -138,7 +138,7 @@ class LiveLocalizer:
         self._n_restarts = 0
         self._correction: Pose | None = None
         self._place: tuple[float, float] | None = None  # of the last answer, local frame, m
-        # Of the last scan without a prior, if that was put off; and the words of the last such search
+        # The search without a prior for the last scan, if it was put off; and the words of the last such search
         self._search: Callable[[], EpochEstimate] | None = None
         self._search_words = ""
         self._last_position = -math.inf  # time of the last one that was compared with a pose, s

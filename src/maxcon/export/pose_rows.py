@@ -70,7 +70,7 @@ def properties(row: PoseRow) -> dict[str, float | str | None]:
 
 
 def covariance_of(row: PoseRow) -> NDArray[np.float64]:
-    """Of x, y, z and the turns about the three axes, (6, 6); zeros where it is not known."""
+    """Covariance of x, y, z, roll, pitch and heading, (6, 6), m^2, m rad and rad^2; zeros where it is not known."""
     matrix = np.zeros((6, 6))
     matrix[np.triu_indices(6)] = [row.numbers.get(name, 0.0) for name in COVARIANCES]
     return matrix + np.triu(matrix, 1).T

@@ -352,7 +352,7 @@ class GeographicFrame(_Between):
 
     @cached_property
     def _transformer(self) -> Any:
-        """Of a map whose CRS has heights."""
+        """From latitude, longitude and ellipsoidal height into the map's CRS, which has heights."""
         from pyproj import Transformer
         from pyproj.exceptions import ProjError
 

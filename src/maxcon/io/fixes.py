@@ -113,7 +113,7 @@ def place_fixes(
     if courses is not None and others:
         roll, pitch, _ = angles_from_quaternions(quaternions).T
         quaternions = quaternions_from_angles(roll, pitch, courses[rows])
-        # Of the direction between two positions that err independently.
+        # The sigma of a direction between two positions that err independently.
         larger = np.maximum(log.covariances[rows, 0, 0], log.covariances[rows, 1, 1])
         sigmas = np.sqrt(2.0 * np.maximum(larger, 0.0)) / BASELINE
     covariances = np.zeros((len(rows), 3, 3))
@@ -177,7 +177,7 @@ def _positions(
 
 
 def _words_of_others(topic: str, quaternions_xyzw: NDArray[np.float64], courses: NDArray[np.float64]) -> str:
-    """That headings of an IMU are nothing like the course over ground, so that this is taken; else empty."""
+    """Words that say that headings of an IMU differ from the course over ground, which is used; empty if they agree."""
     headings = angles_from_quaternions(quaternions_xyzw)[:, 2]
     off = float(np.median(np.abs(wrap_angle(headings - courses))))
     if off <= ALIKE:

@@ -176,7 +176,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def _write_index(folder: Path, name: str, table: ShardTable) -> dict[str, Any]:
-    """Write the index of a section; return what the manifest says of it. Its name tells it from that of other maps."""
+    """Write the index of a section; return its entry in the manifest. Its name has a checksum of its content."""
     content = table.to_bytes()
     checksum = hashlib.sha256(content).hexdigest()
     index = f"{name}/index-{checksum[:8]}.arrow"

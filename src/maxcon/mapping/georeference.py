@@ -28,7 +28,7 @@ MOST_AT_STARTS = 200  # fixes, evenly over all
 CAUCHY = 2.385  # residuals of so many sigmas weigh half: 95 % efficient where all errors are normal
 NORMAL_MEDIAN = 0.6745  # median of the absolute value of a standard normal deviate
 SINGULAR, UNKNOWN = 1e-9, 1e12  # eigenvalues of the scaled normal matrix below it say nothing: their variance instead
-OUTLIER = 4.0  # sigmas; what is farther off is told as an outlier
+OUTLIER = 4.0  # sigmas; what is farther off is reported as an outlier
 STEP = 1e-6  # m and rad, of the derivatives of residuals
 LEAST_SIGMA = 1e-3  # of fixes, in stated ones, or m: simulated ones may have no errors
 CONTROL_SIGMA = 0.05  # m, of a control point along an axis, where none is stated
@@ -38,7 +38,7 @@ LARGEST_ANGLE_SIGMA = math.radians(1.0)  # an axis known less well is not determ
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """The same places in the map and in the CRS."""
+    """Places that are known both in the map and in the CRS: fixes of a receiver, control points."""
 
     names: tuple[str, ...]  # (n,): of fixes their times
     local: NDArray[np.float64]  # (n, 3), m

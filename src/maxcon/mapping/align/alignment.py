@@ -36,13 +36,13 @@ Row = Sequence[object]
 class PairResiduals(NamedTuple):
     """How far two passes lie apart where they were matched."""
 
-    passes: tuple[int, int]  # Their numbers
-    n_constraints: int  # Matched pairs of visits
-    n_contradicted: int  # Of these, how many contradict the others
-    # Median and 95 % of the distances along horizontal directions in which a constraint is sure, m; NaN without any
+    passes: tuple[int, int]  # numbers of the two
+    n_constraints: int  # matched pairs of visits
+    n_contradicted: int  # how many of these contradict the others
+    # median and 95 % of the distances along horizontal directions in which a constraint is sure, m; NaN without any
     horizontal_before: tuple[float, float]
     horizontal_after: tuple[float, float]
-    # The same of heights, m
+    # median and 95 % of the differences of heights, m
     height_before: tuple[float, float]
     height_after: tuple[float, float]
 
@@ -50,14 +50,14 @@ class PairResiduals(NamedTuple):
 class PassConnectivity(NamedTuple):
     """The correction of one pass, and how well the other passes determine it."""
 
-    name: str  # Name of the pass
-    n_constraints: int  # Constraints of its visits that the others do not contradict
-    component: int  # Number of its connected component in the graph of constraints; 0 is the largest one
-    shift: NDArray[np.float64]  # (3,): By which its centre was moved, in the middle of its time, m
-    turn: NDArray[np.float64]  # (3,): Rotation vector by which it was turned there, rad
-    # (3,): Standard deviations of that position along x, y and z, m, relative to the mean of its component's others
+    name: str  # of the pass
+    n_constraints: int  # constraints of its visits that the others do not contradict
+    component: int  # number of its connected component in the graph of constraints; 0 is the largest one
+    shift: NDArray[np.float64]  # (3,): by which its centre was moved, in the middle of its time, m
+    turn: NDArray[np.float64]  # (3,): rotation vector by which it was turned there, rad
+    # (3,): standard deviations of that position along x, y and z, m, relative to the mean of its component's others
     sigma: NDArray[np.float64]
-    words: str  # What the constraints leave open, for the user; empty where it is nothing
+    words: str  # what the constraints leave open, for the user; empty if nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,17 +65,17 @@ class Alignment:
     """The outcome of an alignment; sigmas are standard deviations along a horizontal axis, m."""
 
     passes: Passes
-    constraints: tuple[Constraint, ...]  # Matched pairs of visits that are used
-    refused: Mapping[str, int]  # Number of the other matched pairs, by the reason why they are not used
-    adjusted: Adjusted  # Corrections of the passes, and what remains
-    connectivity: tuple[PassConnectivity, ...]  # Of each pass
-    # Of one pass's position relative to the others, before and after
+    constraints: tuple[Constraint, ...]  # matched pairs of visits that are used
+    refused: Mapping[str, int]  # number of the other matched pairs, by the reason why they are not used
+    adjusted: Adjusted  # corrections of the passes, and what remains
+    connectivity: tuple[PassConnectivity, ...]  # one for each pass
+    # how well one pass is known relative to the others, before and after
     sigma_before: float
     sigma_of_pass: float
-    # Of a map of all passes, that is of their mean: from the differences that remain between passes and their mean
-    # drift, which no match reveals; without `sigma_of_datum`
+    # how well a map of all passes is known, their mean: from the differences that remain between passes, and from the
+    # mean of their drifts, which no match reveals; without `sigma_of_datum`
     sigma_of_map: float
-    sigma_of_datum: float  # Of a shift common to all passes: only their priors, not their matches, determine it
+    sigma_of_datum: float  # how far all passes together may be off: only their priors, not their matches, tell
 
     @classmethod
     def of(

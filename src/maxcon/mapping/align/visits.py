@@ -33,7 +33,7 @@ LEAST_PAUSE = 60.0  # s; visits of one pass are matched if so much lies between 
 MATCH_FLOOR = 0.001  # m, smallest sigma of a match: two visits see different points of rough walls
 # Fewest points of a visit that must lie on planes of the other, and their ratio: with fewer it may be wrong.
 LEAST_POINTS_ON_PLANES, LEAST_RATIO = 150, 0.3
-# Of fitted normals, rad. It alone lets thousands of points on walls along a street seem to fix a position along it.
+# Noise of fitted normals, rad: through it alone points on walls along a street seem to fix a position along it.
 NORMAL_NOISE = math.radians(2.0)
 LEAST_OVER_NOISE = 5.0  # a direction is open if the points give less than so many times the information of such noise
 # Standard deviation along such a direction, m: ten times a usual prior's. That of turns holds at this arm, m.
@@ -145,15 +145,15 @@ def _visit(number: int, time: float, inside: NDArray[np.float32]) -> Visit | Non
 class Constraint(NamedTuple):
     """The measured pose of one visit to a place relative to another: an edge of the pose graph."""
 
-    place: NDArray[np.float64]  # (3,): Middle of the place, global, m
-    passes: tuple[int, int]  # Numbers of the passes
-    times: tuple[float, float]  # Of the visits, s
+    place: NDArray[np.float64]  # (3,): middle of the place, global, m
+    passes: tuple[int, int]  # numbers of the passes
+    times: tuple[float, float]  # of the visits, s
     # T_first_second, axes of the map, origin in the middle of the place: it moves points of the second visit
     # onto surfaces of the first, both uncorrected
     pose: Pose
-    covariance: NDArray[np.float64]  # (6, 6): Of its x, y, z, roll, pitch and heading, m^2, m rad and rad^2
-    ratio: float  # Ratio of the second visit's points that lie on planes of the first
-    fault: str = ""  # Why the match is not used; empty if it is
+    covariance: NDArray[np.float64]  # (6, 6): of its x, y, z, roll, pitch and heading, m^2, m rad and rad^2
+    ratio: float  # of the second visit's points, how many lie on planes of the first, 0 to 1
+    fault: str = ""  # why the match is not used; empty if it is
 
 
 def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], corrections: Corrections) -> list[Constraint]:

@@ -25,7 +25,8 @@ LARGEST_CELL = 0.6
 # Neighbours are looked for within squares of a tile, of the points that are MARGIN from their borders, m: a neighbour
 # farther away than that counts as so far away.
 SQUARE, MARGIN = 2.0, 0.5
-# So many tiles, evenly over the map, are looked at; of each all squares, or while they have more points every second.
+# At most so many tiles, evenly over the map, are sampled. If squares of a tile have more than so many points, one of
+# 2, 4, ... squares is taken, at most one of so many.
 MOST_TILES, MOST_SAMPLED, MOST_SQUARES_APART = 64, 100_000, 64
 
 ALIGNMENT = "alignment.json"
@@ -42,7 +43,8 @@ MIX = np.array([[30, 0xBF58476D1CE4E5B9], [27, 0x94D049BB133111EB]], np.uint64)
 
 LEAST_PAUSE = 60.0  # s, between two passes at one place: a vehicle that waits at a light makes one
 LEAST_POINTS = 20  # of a pass at a place
-# Of a pass's plane from the middle of the place, m: farther out the cube's faces cut noise off, and bias the mean.
+# Largest distance of a pass's plane from the middle of its place, m: farther out the cube's faces cut noise off, and
+# bias the mean.
 LARGEST_OFFSET = 0.3 * PLACE_EDGE
 LARGEST_ROUGHNESS = 0.03  # m, root mean square distance of a pass's points from its plane
 # Root mean square extent of the points along the plane's shorter side, m; 0.29 edges where they fill it evenly.
@@ -207,11 +209,11 @@ def place_keys(points: NDArray[np.float64]) -> NDArray[np.uint64]:
 class PassDifferences(NamedTuple):
     """Differences between passes across planes."""
 
-    n_passes: int  # That left points at a plane, in the median; 0 if there is no plane with times
-    n_places: int = 0  # Where two or more were compared
-    n_stretches: int = 0  # Half minutes of mapping that were compared
-    sigma_of_pass: float = math.nan  # Standard deviation of the position of one pass along any axis, m
-    sigma_of_map: float = math.nan  # The same of the mean of all points at a place, which is what the map has, m
+    n_passes: int  # how many left points at a plane, in the median; 0 if there is no plane with times
+    n_places: int = 0  # places where two or more passes were compared
+    n_stretches: int = 0  # half minutes of mapping that were compared
+    sigma_of_pass: float = math.nan  # standard deviation of the position of one pass along any axis, m
+    sigma_of_map: float = math.nan  # that of the mean of all points at a place, which is what the map has, m
 
     @property
     def is_enough(self) -> bool:
@@ -250,7 +252,7 @@ def compare_passes(records: NDArray[np.void]) -> PassDifferences:
     if not len(first):
         return PassDifferences(n_passes)
     variance = 0.5 * _variance(offsets[first] - offsets[second], noise[first] + noise[second])
-    # Of the mean of all points of a place, beside that of one pass: 1/5 if five passes left as many each.
+    # Variance of the mean of all points of a place, over that of one pass: 1/5 if five passes left as many each.
     parts = np.bincount(place_of_pass, n_points**2.0) / np.bincount(place_of_pass, n_points) ** 2
     return PassDifferences(
         n_passes, len(np.unique(places[first])),
