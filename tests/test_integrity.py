@@ -9,6 +9,7 @@ import pytest
 
 from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust, integrity
 from maxcon.errors import OptionError
+from maxcon.lab.distinctness import peak_ratio
 
 SPACE = SearchSpace(1.2, 0.06, 1.0)
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -152,21 +153,8 @@ def test_the_second_best_lies_beyond_the_guard_radius_and_not_on_it(best, others
     for cell, score in others:
         scores[cell] = score
     assert integrity.highest_beyond(scores, best, space, guard_radius) == highest
-    assert integrity.peak_ratio(scores, best, space, guard_radius) == highest / 4.0
-    assert integrity.peak_ratio(scores / 8.0, best, space, guard_radius) == highest / 4.0  # low scores like high ones
-
-
-def test_a_slope_is_no_second_best_and_without_a_score_there_is_no_ratio():
-    """Cells beyond the guard radius that only lead up to the peak are no candidates of their own."""
-    space = SearchSpace(0.6, 0.06, 0.0)
-    y, x = np.mgrid[:20, :20]
-    scores = 20.0 - np.hypot(y - 10, x - 10)[None]
-    assert integrity.peak_ratio(scores, (0, 10, 10), space, 0.3) == 0.0
-    scores[0, 0, 0], scores[0, 1, 1] = 14.0, 15.0  # the corner is a slope of its neighbour
-    assert integrity.peak_ratio(scores, (0, 10, 10), space, 0.3) == 15.0 / 20.0
-    with np.errstate(all="raise"):
-        for each in (np.zeros(space.shape), np.eye(20)[None]):
-            assert integrity.peak_ratio(each, (0, 0, 3), space, 0.3) == math.inf
+    assert peak_ratio(scores, best, space, guard_radius) == highest / 4.0
+    assert peak_ratio(scores / 8.0, best, space, guard_radius) == highest / 4.0  # low scores like high ones
 
 
 @pytest.mark.parametrize("name", ["least_share", "largest_runner_up", "least_wall_share", "least_confirmed_share"])

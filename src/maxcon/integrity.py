@@ -1,4 +1,4 @@
-"""Whether an answer may be trusted: thresholds and statuses, reasons to doubt, protection levels, peak ratios."""
+"""Whether an answer may be trusted: thresholds and statuses, reasons to doubt, protection levels."""
 
 from __future__ import annotations
 
@@ -174,28 +174,12 @@ def along_and_across(covariance: NDArray[np.float64], heading: float) -> NDArray
     return np.asarray(axes @ covariance[:2, :2] @ axes.T, dtype=np.float64)
 
 
-def peak_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:
-    """Score of the second highest peak over that of `cell` (design, section 4).
-
-    The second peak is the highest local maximum over all headings farther than `guard_radius` (m) from `cell`; the
-    ratio is 0 where there is none, infinity where `cell` scores 0. `scores` (headings, ny, nx) are not negative.
-    """
-    if scores[cell] <= 0.0:
-        return math.inf
-    highest = scores.max(axis=0)
-    ny, nx = highest.shape
-    padded = np.pad(highest, 1, constant_values=-np.inf)
-    around = np.max([padded[y : y + ny, x : x + nx] for y in range(3) for x in range(3)], axis=0)
-    is_other = (highest == around) & _is_beyond(cell, space, guard_radius)
-    return float(highest[is_other].max(initial=0.0) / scores[cell])
-
-
 def highest_beyond(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:
     """Return the highest of scores (headings, ny, nx) farther than the guard radius (m) from a cell; 0 for none."""
-    return float(scores.max(axis=0).max(where=_is_beyond(cell, space, guard_radius), initial=0.0))
+    return float(scores.max(axis=0).max(where=is_beyond(cell, space, guard_radius), initial=0.0))
 
 
-def _is_beyond(cell: Cell, space: SearchSpace, guard_radius: float) -> NDArray[np.bool_]:
+def is_beyond(cell: Cell, space: SearchSpace, guard_radius: float) -> NDArray[np.bool_]:
     """Whether each offset, shape (ny, nx), lies farther than the guard radius (m) from a cell."""
     _, ny, nx = space.shape
     distance = np.hypot(np.arange(ny)[:, None] - cell[1], np.arange(nx)[None, :] - cell[2]) * space.cell_edge

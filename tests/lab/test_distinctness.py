@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from maxcon import Accumulator, Count, Pose, SearchSpace
 from maxcon.errors import ArrayError
-from maxcon.lab.distinctness import distinctness, significant_ray
+from maxcon.lab.distinctness import distinctness, peak_ratio, significant_ray
 
 CELL = 0.06
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -86,6 +86,19 @@ def test_the_peak_ratio_is_second_over_highest_beyond_0_3_m():
     assert measured(scores).peak_ratio == 0.0  # on the radius itself it does not count
     scores[0, 0, 0] = 3.0
     assert measured(scores).peak_ratio == 3.0 / 8.0
+
+
+def test_a_slope_is_no_second_best_and_without_a_score_there_is_no_ratio():
+    """Cells beyond the guard radius that only lead up to the peak are no candidates of their own."""
+    space = SearchSpace(0.6, 0.06, 0.0)
+    y, x = np.mgrid[:20, :20]
+    scores = 20.0 - np.hypot(y - 10, x - 10)[None]
+    assert peak_ratio(scores, (0, 10, 10), space, 0.3) == 0.0
+    scores[0, 0, 0], scores[0, 1, 1] = 14.0, 15.0  # the corner is a slope of its neighbour
+    assert peak_ratio(scores, (0, 10, 10), space, 0.3) == 15.0 / 20.0
+    with np.errstate(all="raise"):
+        for each in (np.zeros(space.shape), np.eye(20)[None]):
+            assert peak_ratio(each, (0, 0, 3), space, 0.3) == math.inf
 
 
 @pytest.mark.parametrize(

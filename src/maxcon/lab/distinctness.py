@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import ArrayError
-from maxcon.integrity import peak_ratio
+from maxcon.integrity import is_beyond
 from maxcon.search.accumulator import Accumulator, highest
 from maxcon.search.objectives import Objective, Scores, checked_scores
 from maxcon.search.space import Cell, SearchSpace
@@ -60,6 +60,22 @@ def distinctness(accumulator: Accumulator, objective: Objective, scores: Scores 
         divergence=_divergence(places, fractions),
         spread=float(np.hypot(iy - peak[1], ix - peak[2]).max()) * space.cell_edge,
     )
+
+
+def peak_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:
+    """Score of the second highest peak over that of `cell` (design, section 4).
+
+    The second peak is the highest local maximum over all headings farther than `guard_radius` (m) from `cell`; the
+    ratio is 0 where there is none, infinity where `cell` scores 0. `scores` (headings, ny, nx) are not negative.
+    """
+    if scores[cell] <= 0.0:
+        return math.inf
+    highest = scores.max(axis=0)
+    ny, nx = highest.shape
+    padded = np.pad(highest, 1, constant_values=-np.inf)
+    around = np.max([padded[y : y + ny, x : x + nx] for y in range(3) for x in range(3)], axis=0)
+    is_other = (highest == around) & is_beyond(cell, space, guard_radius)
+    return float(highest[is_other].max(initial=0.0) / scores[cell])
 
 
 def significant_ray(
