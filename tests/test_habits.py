@@ -58,7 +58,7 @@ def test_nothing_is_removed_but_what_was_made(name):
 
 SOURCE = ROOT / "src" / "maxcon"
 DESIGN = ROOT / "docs" / "design.md"
-PAGES = (DESIGN, ROOT / "docs" / "one_epoch.md")
+PAGES = (DESIGN, ROOT / "docs" / "one_epoch.md", ROOT / "docs" / "paper_to_code.md")
 
 DECISIONS = re.compile(r"\((?:[^()]*\b)?D\d+[^()]*\)")  # "(D4, D7)"
 SECTION = re.compile(r"design,? section (\d+)(?:, facts? (\d+)(?: and (\d+))?)?")

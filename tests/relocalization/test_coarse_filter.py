@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from maxcon import PointMap, Pose, Scan
 from maxcon.relocalization import coarse_filter
-from maxcon.relocalization.coarse_map import Area, CoarseMap
+from maxcon.relocalization.coarse_map import Circle, CoarseMap
 from maxcon.relocalization.kernels import REGION
 from maxcon.relocalization.relocalizer import CELL, MOST_COARSE, SAME_COARSE, SAME_COARSE_DEG
 from towns import HEIGHT, Town
@@ -71,7 +71,7 @@ def test_it_finds_the_cells_and_counts_of_the_definition(towns, number, seed, ra
 def test_it_does_so_in_a_circle(towns):
     town, regions = towns[1]
     scan = coarse_scan(town, town.pose(125.0, -15.0, 0.5), 5, 60)
-    found = assert_as_defined(scan, coarse_filter.Regions(regions.map, Area(140.0, -10.0, 9.0)), 0.5)
+    found = assert_as_defined(scan, coarse_filter.Regions(regions.map, Circle(140.0, -10.0, 9.0)), 0.5)
     places = (found.cells[:, [2, 1]] + 0.5) * 0.96
     assert len(found)
     assert (np.hypot(*(places - [140.0, -10.0]).T) <= 9.0).all()

@@ -109,7 +109,7 @@ def drawer(drive: OpenedDrive, folder: Path, wanted: frozenset[int]) -> Callable
     return draw
 
 
-def scores_of(drive: OpenedDrive, epoch: EpochEstimate) -> CellScores | None:
+def cell_scores_of(drive: OpenedDrive, epoch: EpochEstimate) -> CellScores | None:
     """Return the scores of the cells around the prior of an epoch, searched anew; None where none were searched."""
     if epoch.estimate is None or epoch.prior is None:
         return None

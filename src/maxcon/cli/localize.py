@@ -130,7 +130,7 @@ def localize(
     draw = None if plot is None else drive_output.drawer(drive, plot, wanted)
     needed = frozenset(range(len(drive.scans))) if view.is_wanted else wanted
     started = by_workers(drive, engine, there.n_rows, needed) if has_workers else drive.estimates(there.n_rows)
-    scored = [partial(drive_output.scores_of, drive)] if view.scores else []
+    scored = [partial(drive_output.cell_scores_of, drive)] if view.scores else []
     with view.shown(started, drive.point_map, drive.prior.trajectory.positions[0], *scored) as shown:
         localized.write(shown, quiet, draw)
     localized.say(*drive.words, inputs=drive.words)

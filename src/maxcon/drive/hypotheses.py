@@ -149,7 +149,7 @@ def _cell_variances(space: SearchSpace) -> NDArray[np.float64]:
     return np.array([offset, offset, np.inf, np.inf, np.inf, turn])
 
 
-def find_candidates(
+def find_hypotheses(
     method: MaximumConsensus, space: SearchSpace, scan: Scan, point_map: PointMap, prior: Pose, ratio: float
 ) -> list[Hypothesis]:
     """Return the places in a space around a prior that score at least a ratio of the best one, the best first.

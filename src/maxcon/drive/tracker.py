@@ -14,7 +14,7 @@ from maxcon.drive.hypotheses import (
     HEIGHTS_AND_TILTS,
     Hypothesis,
     distance,
-    find_candidates,
+    find_hypotheses,
     measured_covariance,
     ranked,
     weighed,
@@ -190,7 +190,7 @@ class Tracker:
         self, space: SearchSpace, scan: Scan, point_map: PointMap, prior: Pose, ratio: float
     ) -> list[Hypothesis]:
         self.searched = max(self.searched, space.half_width)
-        return find_candidates(self.method, space, scan, point_map, prior, ratio)
+        return find_hypotheses(self.method, space, scan, point_map, prior, ratio)
 
     def _inheriting(self, parent: Hypothesis, found: list[Hypothesis]) -> list[Hypothesis]:
         """Return new hypotheses with the evidence of the one they follow, where its prediction allows them."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import TileKey
 from maxcon.relocalization import kernels
-from maxcon.relocalization.coarse_map import ANY_BIN, BIN_WIDTH, HIGHEST, N_BINS, REACH, Area, CoarseMap, blocks_of
+from maxcon.relocalization.coarse_map import ANY_BIN, BIN_WIDTH, HIGHEST, N_BINS, REACH, Circle, CoarseMap, blocks_of
 from maxcon.relocalization.kernels import BLOCK, N_BLOCKS, REGION
 from maxcon.scan import Scan
 from maxcon.search.accumulator import upright
@@ -86,7 +86,7 @@ class Regions:
     """The regions of a map that are searched: in an area, if there is one, as far as a scanner may stand there."""
 
     map: CoarseMap
-    area: Area | None = None
+    area: Circle | None = None
 
     @cached_property
     def allowed(self) -> dict[TileKey, NDArray[np.bool_]]:

@@ -27,7 +27,7 @@ BORDER = 3  # cells up to so many beyond a region can be counted with its voxels
 TILE_BYTES, REGION_BYTES = 2**27, 2**28  # of what is kept of tiles and of regions
 
 
-class Area(NamedTuple):
+class Circle(NamedTuple):
     """A circle in which a scanner is known to stand: its middle (x, y), local frame, and its radius, m."""
 
     x: float
@@ -124,7 +124,7 @@ class CoarseMap:
         """Return a region by its key: (x, y) of its first cell, divided by REGION."""
         return self._regions.load(key)
 
-    def allowed(self, area: Area | None = None) -> dict[TileKey, NDArray[np.bool_]]:
+    def allowed(self, area: Circle | None = None) -> dict[TileKey, NDArray[np.bool_]]:
         """Whether a scanner may stand in cell (y, x), shape (REGION, REGION), of each region where it may in any.
 
         The middle of the cell lies in the area, if one is given. Regions come by their keys in order.

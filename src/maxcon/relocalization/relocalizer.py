@@ -24,7 +24,7 @@ from maxcon.refine.adjustment import FROM_LARGE_CELLS, LAST_PASSES
 from maxcon.refine.candidates import Candidate, Scoring, adjusted_candidate, distinct
 from maxcon.refine.tilt import are_tilted_alike, with_own_tilt
 from maxcon.relocalization.coarse_filter import CoarseScan, CountedCells, Regions, filter_cells, recount
-from maxcon.relocalization.coarse_map import Area, CoarseMap
+from maxcon.relocalization.coarse_map import Circle, CoarseMap
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Multiplicity, SearchMethod, Weighting, check_threads
 from maxcon.search.objectives import Helmert
@@ -108,7 +108,7 @@ class Relocalizer:
         if not 0.0 < risk < 1.0:
             raise OptionError(f"Expected `risk` above 0 and below 1, got {risk}. The default is 0.01.")
         self.map = point_map
-        self.area = None if around is None else _area(around, radius)
+        self.area = None if around is None else _circle(around, radius)
         self.n_threads = n_threads
         self.trust = trust or Trust(least_share=LEAST_SHARE)
         self.risk = risk
@@ -135,7 +135,7 @@ class Relocalizer:
     def within(self, around: tuple[float, float], radius: float) -> "Relocalizer":
         """Return a relocalizer for a circle (`around`, `radius`) that shares what this one keeps of the map."""
         other = copy.copy(self)
-        other.area = _area(around, radius)
+        other.area = _circle(around, radius)
         other.coarse = Regions(self.coarse.map, other.area)
         return other
 
@@ -235,10 +235,10 @@ class Relocalizer:
         return min(max(self.trust.largest_runner_up, LEAST_FOLLOWED), FOLLOWED)
 
 
-def _area(around: tuple[float, float], radius: float) -> Area:
+def _circle(around: tuple[float, float], radius: float) -> Circle:
     if not 0.0 < radius < math.inf:
         raise OptionError(f"Expected a `radius` above 0 m, got {radius}. The default is 300.")
-    return Area(*around, radius)
+    return Circle(*around, radius)
 
 
 def _words(n_others: int, *, has_more: bool) -> str:
