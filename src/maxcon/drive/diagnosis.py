@@ -21,11 +21,11 @@ from maxcon.scan.trajectory import Trajectory
 LOWEST, HIGHEST = -5.0, 12.0
 """A sensor on a vehicle, and the errors of its receiver, lie between these above the ground, m."""
 USUAL, FAR_OFF = 1.9, 2.0  # m above the ground, of a sensor on a car; farther off, a prior is tried at that height
-REACH, N_POSES = 5.0, 50
+REACH, N_POSES = 5.0, 50  # heights of the ground are those so far, m, around so many poses of a prior
 MOST_TRIED = 3  # epochs; all of them must fit better
 CLEARLY, ALIKE, FEW_REFUSED = 1.05, 1.1, 0.8
-"""Ratios of the sums of their scores, of one that is better and of those that may all be meant; and part of the epochs
-from which on a drive is localized as it should be."""
+"""An alternative is named if its scores sum to more than CLEARLY times those as read, and the best to at most ALIKE
+times that. A drive of which this part of the epochs is localized is held for right."""
 WITHOUT_SEARCH = (Status.UNREADABLE, Status.NO_PRIOR, Status.OUTSIDE_MAP, Status.FAILED)
 
 Points = NDArray[np.float64]

@@ -32,8 +32,8 @@ from maxcon.scan import Scan
 PLACED_SUFFIXES = (".laz", ".las")  # of scans placed in the map
 MATCHED = 0.3  # so near a plane of the map a point is matched, m
 RESOLUTION = 0.001  # of the stored coordinates, m
-SAME_TIME = 1e-3
-MAX_SOURCES = 2**16
+SAME_TIME = 1e-3  # largest distance between the times of a row and of its scan, s
+MAX_SOURCES = 2**16  # a point_source_id has 16 bits: numbers of epochs begin anew beyond
 MAP_SUFFIXES = (".laz", ".las", ".ply")
 UNCLASSIFIED, GROUND_CLASS = 1, 2  # ASPRS classes of voxels and of the ground: a map does not keep those of clouds
 POINT = np.dtype([

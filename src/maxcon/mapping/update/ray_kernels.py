@@ -12,7 +12,7 @@ from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_
 
 @njit(nogil=True, cache=True, counts_references=False)
 def _is_miss(origin, along, length, plane, voxel, cell, margin, least_cosine, reach):
-    """Whether a ray saw through the surface in a voxel: the definition is in words in `evidence`."""
+    """Whether a ray saw through the surface in a voxel: as `evidence.is_miss`, its definition."""
     nx, ny, nz, mx, my, mz = plane
     ox, oy, oz = origin
     ax, ay, az = along
