@@ -94,7 +94,7 @@ class CellSearch:
             level, cells = self.level_and_cells(space, point_map)
             return replace(self.conclude(self.accumulate(scan, level, start, cells), scan, level), cell=None)
         level, cells = self.level_and_cells(space, point_map)
-        if self.search is SearchMethod.BRANCH_AND_BOUND and self.has_bounds:
+        if self.search is SearchMethod.BRANCH_AND_BOUND and isinstance(self.objective, Bounded):
             best = self._by_bounds(scan.thinned(self.thinning), level, start, cells)
             if best is not None:
                 return self.estimate(best, scan, level)
@@ -186,11 +186,6 @@ class CellSearch:
             status = Status.MISFIT if self.trust.largest_misfit < math.inf else status
             reasons.append("the mirror image of the scan fits better: is its y to the left?")
         return Estimate(best.pose, best.score, best.cell, status, cofactor, share, best.runner_up, "; ".join(reasons))
-
-    @property
-    def has_bounds(self) -> bool:
-        """Whether the objective can be bounded, and need not be searched exhaustively."""
-        return isinstance(self.objective, Bounded)
 
     @property
     def _asked_ratio(self) -> float:

@@ -14,7 +14,10 @@ from maxcon.search.space import Cell
 
 
 class Status(StrEnum):
-    """How far an estimate may be trusted; the values are the words a user reads."""
+    """How far an estimate may be trusted; the values are the words a user reads, `explanation` says what to do.
+
+    Only a pose that is LOCALIZED may be used. Which rule gives which word: docs/decisions/trust-and-status.md.
+    """
 
     LOCALIZED = "localized"
     UNDETERMINED = "undetermined"

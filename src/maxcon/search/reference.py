@@ -95,25 +95,7 @@ def voxels(
 ) -> Accumulator:
     """Moments of every cell, a scan point matching the map voxel it falls in (D4).
 
-    Parameters
-    ----------
-    scan : Scan
-        n points with normals, sensor frame.
-    point_map : PointMap
-        Voxels of the space's cell edge.
-    prior : Pose
-        T_map_sensor before localization, local frame.
-    space : SearchSpace
-        The cells to try, of one height.
-    multiplicity : {"points", "occupied"}
-        Whether a match weighs as many as the voxel's map points, or one.
-    weighting : {"cosine", "published", "one"}
-        Weight of a match in N, see `Weighting` (D5).
-
-    Raises
-    ------
-    SearchSpaceError
-        If the cell edge is not the map's, or the space has several heights.
+    Parameters and errors as of `exhaustive`, which has the same result.
     """
     space = cells_of(space, point_map)
     check_one_height(space)
