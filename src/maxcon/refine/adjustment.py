@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
+from maxcon.geometry.arrays import read_only_view
 from maxcon.map import PointMap
 from maxcon.map.voxel_table import VoxelTable
 from maxcon.scan import Scan
@@ -153,18 +154,19 @@ def adjusted(
     start_weights: NDArray[np.float64],
     passes: Sequence[Pass],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Unknowns, (6,), of a pose adjusted in some passes, and the planes of the points, (n, 4)."""
+    """Unknowns, (6,), of a pose adjusted in some passes, and the planes, (n, 4), of the points of the last one."""
     from maxcon.refine import kernels, partner_kernels
 
     first = start.values
-    unknowns, planes = first.copy(), np.empty((len(sample), 4))
+    unknowns, planes = first.copy(), np.empty((0, 4))
     for each in passes:
         every = min(each.every, max(1, len(sample) // FEWEST_OF_MANY))
-        partner_kernels.find_partners(
-            sample.points, sample.normals, unknowns, every, point_map.cell, (each.along, each.around),
-            LEAST_COSINE, point_map.is_signed, table, planes,
+        points, normals = (read_only_view(np.ascontiguousarray(rows[::every])) for rows in (sample.points, sample.normals))
+        planes = partner_kernels.find_partners(
+            points, normals, unknowns, point_map.cell, (each.along, each.around), LEAST_COSINE, point_map.is_signed,
+            table,
         )  # fmt: skip
-        kernels.adjust(sample.points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_PASS, AT_REST)
+        kernels.adjust(points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_PASS, AT_REST)
     return unknowns, planes
 
 
@@ -184,9 +186,8 @@ def planes_near(
     """
     from maxcon.refine import partner_kernels
 
-    planes = np.zeros((len(points), 4))
-    partner_kernels.find_partners(
-        points, normals, pose.values, 1, point_map.cell, reaches, LEAST_COSINE, point_map.is_signed, table, planes
+    planes = partner_kernels.find_partners(
+        points, normals, pose.values, point_map.cell, reaches, LEAST_COSINE, point_map.is_signed, table
     )
     distances = planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(points))
     is_near = planes[:, :3].any(axis=1) & (np.abs(distances) < gate)

@@ -35,7 +35,7 @@ wrong places points lie near some plane by chance. Fewer points tell nothing."""
 LEAST_CLOSE, THIN, LOSS, SMALL_CELL = 0.77, 0.025, 8.0, 0.09
 """This ratio must be close if the scan's surfaces are no thicker than `THIN`, m, and the map's sigma no larger; else
 less, by `LOSS` times the difference. Maps of larger cells than `SMALL_CELL`, m, blur surfaces, and are not tested."""
-NEIGHBOURS, FEWEST_PAIRS, MOST_PAIRS = 0.6, 50, 3000
+NEIGHBOURS, FEWEST_PAIRS, MOST_PAIRS = 0.6, 50, 2000
 """The thickness of a scan's surfaces is how far the next point lies from a point's plane, in the median of so many
 pairs that are nearer to each other, m."""
 LEVEL = 0.5
@@ -68,7 +68,7 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
 
     sample: the scan's, of which the pose was refined; table: the voxels around it.
     """
-    partners, errors, doubts = Partners.of(sample, refined.pose, point_map, table), np.zeros((6, 6)), []
+    partners, errors, doubts = Partners.of(refined, point_map, table), np.zeros((6, 6)), []
     explanation = explain(refined, partners, sample, point_map, table)
     best = explanation.corrected
     if best is not None:
@@ -76,7 +76,7 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
         words = best.words(" (corrected)" if is_corrected else "")
         doubts = [(abs(best.size) / best.pattern.largest, f"the scan {words}")]
         if is_corrected:
-            refined, partners = best.refined, Partners.of(best.scan, best.refined.pose, point_map, table)
+            refined, partners = best.refined, Partners.of(best.refined, point_map, table)
         errors = np.outer(shift, shift) * (UNMODELLED**2 if is_corrected else 1.0)
     for rival in explanation.rivals:
         shift = rival.refined.pose.less(refined.pose)
@@ -158,8 +158,8 @@ def _loose(refined: Refined, point_map: PointMap) -> list[tuple[float, str]]:
 
 def surface_thickness(points: NDArray[np.float64], normals: NDArray[np.float64]) -> float | None:
     """How far the next point of a scan lies from the plane of a point, in the median, m; None where few are near."""
-    first = np.flatnonzero(normals[:-1].any(axis=1))
-    first = first[:: max(1, len(first) // MOST_PAIRS)]
+    first = np.arange(0, len(points) - 1, max(1, math.ceil(len(points) / MOST_PAIRS)))
+    first = first[normals[first].any(axis=1)]
     to_next = points[first + 1] - points[first]
     is_pair = np.einsum("ij,ij->i", to_next, to_next) < NEIGHBOURS**2
     if np.count_nonzero(is_pair) < FEWEST_PAIRS:

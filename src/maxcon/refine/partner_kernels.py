@@ -89,30 +89,28 @@ def _is_near(place, normal, reaches, table):
 
 
 @njit(nogil=True, cache=True)
-def find_partners(points, normals, unknowns, every, cell, reaches, least_cosine, is_signed, table, planes):
-    """Find partners: for one of `every` points of a scan, the plane of the map that it lies on.
+def find_partners(points, normals, unknowns, cell, reaches, least_cosine, is_signed, table):
+    """Find partners: the plane of the map that each point of a scan lies on.
 
     points, normals : (n, 3) float64, sensor frame, m; a normal of zeros where there is none.
-    unknowns : (6,), the pose: x, y, z, roll, pitch, heading, m and rad. every : see `adjustment.Pass`.
+    unknowns : (6,), the pose: x, y, z, roll, pitch, heading, m and rad.
     cell : edge of a voxel, m. table : of the map's tiles, see `VoxelTable`.
     reaches : how many voxels a partner may lie away, along the normal of a point, and along the axes from one without.
     least_cosine : of the angle between the normals of point and voxel.
     is_signed : whether the map's normals have a side; otherwise n and -n mean the same.
-    planes : (n, 4) float64, out, unit normal and its scalar product with a point of the plane, map frame; zeros
-    for none, and for the points between.
+    Returns planes, (n, 4): unit normal and its scalar product with a point of the plane, map frame; zeros for none.
     """
     R, _ = rotation_and_axes(unknowns[3:])
-    _find_all(points, normals, R, unknowns, every, cell, reaches, least_cosine, is_signed, table, planes)
+    planes = np.zeros((points.shape[0], 4))
+    _find_all(points, normals, R, unknowns, cell, reaches, least_cosine, is_signed, table, planes)
+    return planes
 
 
 @njit(nogil=True, cache=True, counts_references=False)
-def _find_all(points, normals, R, unknowns, every, cell, reaches, least_cosine, is_signed, table, planes):
+def _find_all(points, normals, R, unknowns, cell, reaches, least_cosine, is_signed, table, planes):
     """Find partners, given the rotation (3, 3) of the pose."""
     along, around = reaches
     for i in range(points.shape[0]):
-        planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = 0.0, 0.0, 0.0, 0.0
-        if i % every != 0:
-            continue
         px, py, pz = turned(R, (points[i, 0], points[i, 1], points[i, 2]))
         px, py, pz = px + unknowns[0], py + unknowns[1], pz + unknowns[2]
         nx, ny, nz = turned(R, (normals[i, 0], normals[i, 1], normals[i, 2]))

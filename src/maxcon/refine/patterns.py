@@ -133,15 +133,18 @@ class Partners:
     n_patches: int
 
     @classmethod
-    def of(cls, sample: Scan, pose: Pose, point_map: PointMap, table: VoxelTable) -> "Partners":
-        """Find the partners of some of the points that have a normal."""
+    def of(cls, refined: Refined, point_map: PointMap, table: VoxelTable) -> "Partners":
+        """Take the partners that some of the points with a normal have at a refined pose, or find some farther away."""
         from maxcon.refine import kernels
 
-        has_normal = np.flatnonzero(sample.normals.any(axis=1))
+        pose = refined.pose
+        has_normal = np.flatnonzero(np.einsum("ij,ij->i", refined.normals, refined.normals))
         n_chosen = min(MOST_POINTS, len(has_normal))
         chosen = has_normal[np.arange(n_chosen) * len(has_normal) // max(1, n_chosen)]
-        points, normals = sample.points[chosen], sample.normals[chosen]
-        planes, distances = _planes_within(GATE, points, normals, pose, point_map, table)
+        points, normals, planes = refined.points[chosen], refined.normals[chosen], refined.planes[chosen]
+        distances = planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(points))
+        alone = np.flatnonzero(np.isinf(refined.residuals[chosen]))
+        planes[alone], distances[alone] = planes_within(GATE, points[alone], normals[alone], pose, point_map, table)
         is_near = np.isfinite(distances)
         patches, walls = (np.empty(len(points), np.int64) for _ in range(2))
         n_patches, _ = kernels.number_groups(
@@ -154,10 +157,10 @@ class Partners:
     ) -> NDArray[np.float64]:
         """Distances of chosen points from the nearest planes along their normals, m, infinite beyond a gate."""
         points, normals = self.points[chosen], self.normals[chosen]
-        return _planes_within(gate, points, normals, self.pose, point_map, table)[1]
+        return planes_within(gate, points, normals, self.pose, point_map, table)[1]
 
 
-def _planes_within(
+def planes_within(
     gate: float, points: Points, normals: Points, pose: Pose, point_map: PointMap, table: VoxelTable
 ) -> tuple[Points, NDArray[np.float64]]:
     """Planes, (n, 4), along the normals of points up to a gate, m, and distances from them, infinite without one."""
@@ -291,7 +294,7 @@ def _without(
         without = Scan(scan.points - size * pattern.direction(scan.points), scan.normals)
         start = Pose(*(refined.pose.values + move).tolist())
         refined = refine_sample(without, point_map, table, start, refined.start_weights, LAST_PASSES)
-        partners = Partners.of(without, refined.pose, point_map, table)
+        partners = Partners.of(refined, point_map, table)
         sizes, sigmas, moves = _sizes(partners, (pattern,), refined.start_weights)
         more, move = float(sizes[0]), moves[:, 0]
         if abs(more) < SETTLED * abs(size):

@@ -34,7 +34,7 @@ from maxcon.map import PointMap
 from maxcon.plotting.epoch import MOST_HALF_WIDTH, PRIOR_COLOR, draw_points, half_width_of, is_off_the_ground
 from maxcon.plotting.figure import INK, SERIES, Window, map_figure, round_length
 from maxcon.refine.adjustment import table_around
-from maxcon.refine.patterns import Partners
+from maxcon.refine.patterns import GATE, planes_within
 from maxcon.refine.validation import LEVEL, N_BINS
 from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
@@ -227,16 +227,17 @@ class Facing(NamedTuple):
 
 
 def facings(scans: Iterable[tuple[Scan, Pose]], point_map: PointMap) -> list[Facing]:
-    """Return the facings of scans at poses, local frame, those with wall points; of each some thousand points."""
+    """Return the facings of scans at poses, local frame, those with wall points."""
     azimuths, offsets = [np.empty(0)], [np.empty(0)]
     for scan, pose in scans:
-        partners = Partners.of(scan.sample, pose, point_map, table_around(scan.sample, point_map, [pose]))
-        normals = partners.normals @ pose.rotation.T
-        azimuth = np.arctan2(normals[:, 1], normals[:, 0]) % np.pi
-        towards = partners.planes[:, 0] * np.cos(azimuth) + partners.planes[:, 1] * np.sin(azimuth)
-        is_wall = np.abs(normals[:, 2]) < LEVEL
-        azimuths.append(azimuth[is_wall])
-        offsets.append((partners.distances * np.where(towards < 0.0, -1.0, 1.0))[is_wall])
+        sample, table = scan.sample, table_around(scan.sample, point_map, [pose])
+        is_wall = sample.normals.any(axis=1) & (np.abs(sample.normals @ pose.rotation[2]) < LEVEL)
+        points, normals = sample.points[is_wall], sample.normals[is_wall]
+        planes, distances = planes_within(GATE, points, normals, pose, point_map, table)
+        azimuth = np.arctan2(normals @ pose.rotation[1], normals @ pose.rotation[0]) % np.pi
+        towards = planes[:, 0] * np.cos(azimuth) + planes[:, 1] * np.sin(azimuth)
+        azimuths.append(azimuth)
+        offsets.append(distances * np.where(towards < 0.0, -1.0, 1.0))
     bins = np.minimum(np.concatenate(azimuths) * N_BINS / np.pi, N_BINS - 1).astype(int)
     found, width = [], 180.0 / N_BINS
     for k in range(N_BINS):
