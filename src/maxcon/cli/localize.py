@@ -3,9 +3,11 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
 from maxcon.cli.options import (
+    AllowInexactCrs,
     AtStamp,
     Certainty,
     MethodOptions,
@@ -24,6 +26,10 @@ from maxcon.cli.options import (
 )
 from maxcon.cli.terminal import warn
 from maxcon.errors import OptionError
+
+if TYPE_CHECKING:
+    from maxcon.map import PointMap
+    from maxcon.scan.trajectory import Trajectory
 
 
 class DriveFiles(OptionGroup, title="Inputs"):
@@ -52,15 +58,34 @@ class PictureOptions(OptionGroup, title="Output"):
 
     report: Write a page of the drive: map, statuses, protection levels, worst epochs.
     reference: Poses held for true: summary and --report say how far answers are from them.
+    reference_crs: CRS of the reference, if it is not the map's.
     """
 
     plot: Path | None = flag(None, "Draw epochs into this folder.", metavar="DIR")
     plot_epochs: str | None = flag(None, "Epochs to draw: 0,5,10-20 or all. Default: ten of the drive.", metavar="LIST")
     report: Path | None = flag(None, metavar="PAGE.html")
     reference: Path | None = flag(None, metavar="TUM|CSV")
+    reference_crs: str | None = flag(None, metavar="EPSG:N|WKT")
+    allow_inexact_crs: AllowInexactCrs = False
 
     def __post_init__(self) -> None:
         check_needs({"--plot-epochs": self.plot_epochs}, {"--plot DIR": self.plot})
+        check_needs({"--reference-crs": self.reference_crs}, {"--reference": self.reference})
+        check_needs({"--allow-inexact-crs": self.allow_inexact_crs}, {"--reference-crs": self.reference_crs})
+
+    def true_poses(self, point_map: "PointMap") -> "Trajectory | None":
+        """Return the reference in the coordinates of a map; CrsError if it gets there less exactly than to a voxel."""
+        from maxcon.io.poses_between_crs import poses_in_crs
+        from maxcon.io.trajectories import read_trajectory
+
+        if self.reference is None:
+            return None
+        poses = read_trajectory(self.reference)
+        if self.reference_crs is not None:
+            poses, _, by = poses_in_crs(poses, self.reference_crs, point_map.frame.crs, str(self.reference))
+            if by is not None and not self.allow_inexact_crs:
+                by.check(point_map.cell, str(self.reference))
+        return poses
 
 
 class EpochWorkers(WorkerOptions, title="How it is done"):
@@ -87,7 +112,6 @@ def localize(
     from maxcon.cli.drive_inputs import DriveOpener, by_workers, parse_objective
     from maxcon.drive.localize import DriveOptions
     from maxcon.drive.many import DriveEntry
-    from maxcon.io.trajectories import read_trajectory
 
     if worker.scheduler is not None:  # its workers are in other folders
         named = files.map_folder, files.scans, files.prior, files.times
@@ -121,9 +145,10 @@ def localize(
     view.check(resume=table.resume)
     out, plot = files.out, pictures.plot
     drive_output.check_outputs(out, table, prior=files.prior, plot=plot, report=pictures.report)
-    reference = None if pictures.reference is None else read_trajectory(pictures.reference)
+    point_map = opener.open_map(files.map_folder)
+    reference = pictures.true_poses(point_map)
     entry = DriveEntry("", files.scans, files.map_folder, files.prior, files.times, motion.odometry)
-    drive = opener.open(entry, opener.open_map(files.map_folder), quiet=quiet)
+    drive = opener.open(entry, point_map, quiet=quiet)
     localized = drive_output.TableOfDrive(out, table, drive.scans.times, is_track=motion.track)
     there = localized.there
     wanted = frozenset() if plot is None else drive_output.parse_epochs(pictures.plot_epochs, len(drive.scans))
