@@ -27,6 +27,7 @@ TurnTime = Annotated[
         " clockwise seen from above; negative for counter-clockwise.",
     ),
 ]
+IsJson = Annotated[bool, Option("--json", help="Print one JSON object instead of sentences.")]
 AllowInexactCrs = Annotated[
     bool, Option("--allow-inexact-crs", help="The CRS may be converted to less exactly than to a voxel of the map.")
 ]

@@ -214,12 +214,54 @@ def _times_from_names(paths: tuple[Path, ...]) -> NDArray[np.float64]:
     return times
 
 
+class ScannerDescription(NamedTuple):
+    """What the first scans of a scanner say; None for what they do not say."""
+
+    source: str
+    n_scans: int
+    n_read: int  # of them
+    rate: float | None  # a second
+    fields: str
+    times: str  # how those of points are understood
+    rings: tuple[int, int, int] | None  # the lowest, the highest, how many
+    points_per_scan: float
+    no_returns: float  # ratio of the points, as are the others
+    repeated: float
+    range: tuple[float, float, float] | None = None  # least, median, largest, m
+    extent: tuple[tuple[float, float], ...] | None = None  # along x, y and z, m
+    with_normals: float | None = None  # of the first scan
+    problem: str = ""  # with the first scan that cannot be read
+
+    @property
+    def words(self) -> dict[str, str]:
+        """The same in words, by what they are of."""
+        rate = f", {self.rate:.2f} a second" if self.rate else ""
+        words = {
+            "scans": f"{self.source}: {self.n_scans:,} scans{rate}; of the first {self.n_read}:",
+            "fields": self.fields,
+            "times": self.times,
+            "rings": "{2} ({0} to {1})".format(*self.rings) if self.rings else "not stored",
+            "points": f"{self.points_per_scan:,.0f} a scan; {100.0 * self.no_returns:.1f} % no returns,"
+            f" {100.0 * self.repeated:.1f} % come twice",
+        }
+        if self.range and self.extent:
+            least, median, largest = self.range
+            unit = ": are these millimetres?" if median > FARTHEST_MEDIAN else ""
+            words["range"] = f"{least:.2f} to {largest:.1f} m, median {median:.1f} m{unit}"
+            extents = zip("xyz", self.extent, strict=True)
+            words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, (low, high) in extents) + " m"
+        if self.with_normals is not None:
+            percent = f"{100.0 * self.with_normals:.0f} %"
+            words["normals"] = f"{percent} of the points of the first scan have one; 20 % are enough"
+        return words | ({"problem": self.problem} if self.problem else {})
+
+
 class RecordingDescription(NamedTuple):
-    """Topics and notes of a recording (none for folders of scans), and a table of words for each of its scanners."""
+    """Topics and notes of a recording (none for folders of scans), and what each of its scanners says."""
 
     topics: tuple[Topic, ...]
     notes: tuple[str, ...]
-    scanners: tuple[dict[str, str], ...]
+    scanners: tuple[ScannerDescription, ...]
 
 
 def describe(path: str | os.PathLike[str], topic: str | None = None) -> RecordingDescription:
@@ -245,7 +287,9 @@ def _reads(source: recorded.CloudSource) -> Iterator[tuple[float, Callable[[], C
     return ((cloud.stamp * 1e-9, cloud.points) for cloud in source.clouds())
 
 
-def _described(source: str, n_scans: int, reads: Iterator[tuple[float, Callable[[], CloudPoints]]]) -> dict[str, str]:
+def _described(
+    source: str, n_scans: int, reads: Iterator[tuple[float, Callable[[], CloudPoints]]]
+) -> ScannerDescription:
     """What the first scans say that can be read; of each its time, s, and what reads it."""
     clouds: list[CloudPoints] = []
     times: list[float] = []
@@ -257,30 +301,25 @@ def _described(source: str, n_scans: int, reads: Iterator[tuple[float, Callable[
         except FileError as error:
             problems.append(str(error))
     times.sort()
-    rate = f", {(len(times) - 1) / (times[-1] - times[0]):.2f} a second" if times and times[-1] > times[0] else ""
     n_seen = len(clouds) + len(problems)
     n_points, n_invalid, n_duplicates = map(sum, zip((0, 0, 0), *(cloud[3:6] for cloud in clouds), strict=True))
     rings = np.unique(np.concatenate([np.empty(0, np.int64), *(c.rings for c in clouds if c.rings is not None)]))
-    words = {
-        "scans": f"{source}: {n_scans:,} scans{rate}; of the first {n_seen}:",
-        "fields": (clouds[0].fields if clouds else "") or "x, y, z",
-        "times": (clouds[0].times.words if clouds else "") or "the points of these files have no times",
-        "rings": f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
-        "points": f"{n_points / max(n_seen, 1):,.0f} a scan; {100.0 * n_invalid / max(n_points, 1):.1f} % no returns,"
-        f" {100.0 * n_duplicates / max(n_points, 1):.1f} % come twice",
-    }
+    found = ScannerDescription(
+        source, n_scans, n_seen, (len(times) - 1) / (times[-1] - times[0]) if times and times[-1] > times[0] else None,
+        (clouds[0].fields if clouds else "") or "x, y, z",
+        (clouds[0].times.words if clouds else "") or "the points of these files have no times",
+        (int(rings[0]), int(rings[-1]), len(rings)) if len(rings) else None, n_points / max(n_seen, 1),
+        n_invalid / max(n_points, 1), n_duplicates / max(n_points, 1), problem=problems[0] if problems else "",
+    )  # fmt: skip
     full = [cloud.points for cloud in clouds if len(cloud.points)]
-    if full:
-        points = np.concatenate(full)
-        ranges = np.linalg.norm(points, axis=1)
-        median = float(np.median(ranges))
-        unit = ": are these millimetres?" if median > FARTHEST_MEDIAN else ""
-        words["range"] = f"{ranges.min():.2f} to {ranges.max():.1f} m, median {median:.1f} m{unit}"
-        extents = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
-        words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"
-        first = ranges[: len(full[0])]
-        near = full[0][(first >= 1.0) & (first <= 120.0)]
-        if len(near):
-            percent = 100.0 * float(Scan(near).normals.any(axis=1).mean())
-            words["normals"] = f"{percent:.0f} % of the points of the first scan have one; 20 % are enough"
-    return words | ({"problem": problems[0]} if problems else {})
+    if not full:
+        return found
+    points = np.concatenate(full)
+    ranges = np.linalg.norm(points, axis=1)
+    first = ranges[: len(full[0])]
+    near = full[0][(first >= 1.0) & (first <= 120.0)]
+    return found._replace(
+        range=(float(ranges.min()), float(np.median(ranges)), float(ranges.max())),
+        extent=tuple(zip(points.min(axis=0).tolist(), points.max(axis=0).tolist(), strict=True)),
+        with_normals=float(Scan(near).normals.any(axis=1).mean()) if len(near) else None,
+    )
