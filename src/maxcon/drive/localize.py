@@ -87,6 +87,9 @@ class EpochEstimate:
     reason: str = ""
     crs: str = ""
 
+    def __repr__(self) -> str:
+        return f"EpochEstimate({self.epoch}, {self.status.value}, {self.pose_global}, reason={self.reason!r})"
+
     def without_points(self) -> EpochEstimate:
         """Return the same answer without the points, to keep over a long drive."""
         nothing = np.empty((0, 3))
