@@ -84,7 +84,8 @@ def test_priors_and_references_in_another_projected_crs(assert_same, localize, r
         own = read_trajectory(getattr(drive.dataset, source))
         write_tum(path, poses_in_crs(own, CRS, f"EPSG:{crs}", source)[0])
     true = ("--reference", reference, "--reference-crs", "EPSG:25833")
-    said = ("prior: from ETRS89 / UTM zone 33N", "4 localized scans, 0 farther")
+    said = (f"{name}: from ETRS89 / UTM zone 33N" for name in ("prior", "reference"))
+    said = (*said, "4 localized scans, 0 farther")
     assert_same(prior, *said, options=(*options, *true))
     refused(localize("--overwrite", prior=prior), "--prior-crs")
     inexact = ("--reference", elsewhere, "--reference-crs", "EPSG:3068", "--overwrite")  # Soldner's of Berlin

@@ -73,19 +73,22 @@ class PictureOptions(OptionGroup, title="Output"):
         check_needs({"--reference-crs": self.reference_crs}, {"--reference": self.reference})
         check_needs({"--allow-inexact-crs": self.allow_inexact_crs}, {"--reference-crs": self.reference_crs})
 
-    def true_poses(self, point_map: "PointMap") -> "Trajectory | None":
-        """Return the reference in the coordinates of a map; CrsError if it gets there less exactly than to a voxel."""
+    def true_poses(self, point_map: "PointMap") -> "tuple[Trajectory | None, str]":
+        """Return the reference in the coordinates of a map, and how it came there in words.
+
+        CrsError if it gets there less exactly than to a voxel.
+        """
         from maxcon.io.poses_between_crs import poses_in_crs
         from maxcon.io.trajectories import read_trajectory
 
         if self.reference is None:
-            return None
-        poses = read_trajectory(self.reference)
+            return None, ""
+        poses, words = read_trajectory(self.reference), ""
         if self.reference_crs is not None:
-            poses, _, by = poses_in_crs(poses, self.reference_crs, point_map.frame.crs, str(self.reference))
+            poses, words, by = poses_in_crs(poses, self.reference_crs, point_map.frame.crs, str(self.reference))
             if by is not None and not self.allow_inexact_crs:
                 by.check(point_map.cell, str(self.reference))
-        return poses
+        return poses, words
 
 
 class EpochWorkers(WorkerOptions, title="How it is done"):
@@ -146,7 +149,7 @@ def localize(
     out, plot = files.out, pictures.plot
     drive_output.check_outputs(out, table, prior=files.prior, plot=plot, report=pictures.report)
     point_map = opener.open_map(files.map_folder)
-    reference = pictures.true_poses(point_map)
+    reference, reference_words = pictures.true_poses(point_map)
     entry = DriveEntry("", files.scans, files.map_folder, files.prior, files.times, motion.odometry)
     drive = opener.open(entry, point_map, quiet=quiet)
     localized = drive_output.TableOfDrive(out, table, drive.scans.times, is_track=motion.track)
@@ -158,7 +161,8 @@ def localize(
     scored = [partial(drive_output.scores_of, drive)] if view.scores else []
     with view.shown(started, drive.point_map, drive.prior.trajectory.positions[0], *scored) as shown:
         localized.write(shown, quiet, draw)
-    localized.say(*drive.words, inputs=drive.words)
+    said = (*drive.words, *([f"reference: {reference_words}"] if reference_words else []))
+    localized.say(*said, inputs=said)
     searched = drive_output.searched_words(drive, localized.epochs)
     localized.print_summary(drive.entry.map, searched, drive.prior.left_out)
     if not there.n_localized:
@@ -169,6 +173,8 @@ def localize(
         if motion.track:
             reach = f"tracked, within {reach} the prior"
         assumed = {"Searched": searched or reach, "Risk of a protection level": f"{certainty.risk:g} per scan"}
+        if reference is not None:
+            assumed["Reference"] = ", ".join(filter(None, [str(pictures.reference), reference_words]))
         drive_output.report_drive(pictures.report, localized, drive, reference, assumed)
     localized.end()
 
