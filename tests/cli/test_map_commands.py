@@ -28,7 +28,7 @@ def test_what_is_taken_of_a_cloud_and_what_not(build, write_las, street, tmp_pat
     np.savez(tmp_path / "more.npz", points=street)
     said = build(cloud, tmp_path / "more.npz", "--crs", "EPSG:25832")
     assert "from 5,990 points" in said["voxels"] and "warning" not in said["CRS"]
-    assert said["normals"].endswith("of unknown side: --trajectory of the mapping sensor tells it")
+    assert said["normals"].endswith("of unknown side: --trajectory tells it")
     dropped = "3,000 points, 2,990 kept; dropped 10 without finite coordinates"
     assert said["source"].endswith(
         f"more.npz: {dropped}; no ASPRS classes: ground, vegetation and vehicles were not dropped"

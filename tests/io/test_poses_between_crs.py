@@ -33,7 +33,7 @@ def convergence(code, longitude, latitude):
 )
 def test_positions_and_headings_are_those_of_pyproj(source, target, place, turn_deg):
     own = poses(*place)
-    got, words, operation = poses_in_crs(own, f"EPSG:{source}", f"EPSG:{target}", "a.txt")
+    got, words = poses_in_crs(own, f"EPSG:{source}", f"EPSG:{target}", "a.txt")
     by_hand = Transformer.from_crs(source, target, always_xy=True, allow_ballpark=False)
     x, y = by_hand.transform(*own.positions[:, :2].T)
     np.testing.assert_allclose(got.positions, np.column_stack([x, y, own.positions[:, 2]]), rtol=0, atol=1e-6)
@@ -47,35 +47,38 @@ def test_positions_and_headings_are_those_of_pyproj(source, target, place, turn_
     within = 1e-8 if is_same_datum else 1.1e-5
     np.testing.assert_allclose(wrap_angle(heading - own.angles[:, 2]), turn, rtol=0, atol=within)
     np.testing.assert_allclose([roll, pitch], [[0.01] * 4, [-0.02] * 4], atol=1e-12)
-    assert operation.accuracy == (0.0 if is_same_datum else 1.0) or operation.grids == ""  # where there is the grid
+    assert ", exactly, heights" in words or not is_same_datum
     assert f"heights as they are, headings turned by {np.degrees(turn[0]):+.1f}" in words
 
 
 def test_covariances_turn_and_a_change_of_the_datum_is_added_to_them():
     own = poses(760_000.0, 5_430_000.0, np.stack([COVARIANCE, COVARIANCE, np.full((3, 3), np.nan), COVARIANCE]))
-    got, _, _ = poses_in_crs(own, "EPSG:25832", "EPSG:25833", "a.txt")
+    got, _ = poses_in_crs(own, "EPSG:25832", "EPSG:25833", "a.txt", exact_to=0.06)
     turn = (got.angles - own.angles)[0, 2]
     cos, sin = np.cos(turn), np.sin(turn)
     matrix = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(got.covariances[0], matrix @ COVARIANCE @ matrix.T, atol=1e-9)
     assert np.isnan(got.covariances[2]).all()
-    shifted, _, operation = poses_in_crs(own, "EPSG:25832", "EPSG:31467", "a.txt")
-    added = np.diag([operation.shift_sigma] * 2 + [0.0]) ** 2
+    shifted, words = poses_in_crs(own, "EPSG:25832", "EPSG:3068", "a.txt")  # Soldner's of Berlin, which has no grid
     turn = (shifted.angles - own.angles)[0, 2]
-    assert operation.moves
-    np.testing.assert_allclose(shifted.covariances[0] - added, COVARIANCE, atol=abs(20 * turn) + 1e-6)
+    matrix[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    added = shifted.covariances[0] - matrix @ COVARIANCE @ matrix.T
+    np.testing.assert_allclose(added, np.diag([9.0, 9.0, 0.0]), atol=1e-9)
+    assert "exact to 3 m" in words
+    with pytest.raises(CrsError, match=r"a.txt exact to a voxel of the map, at most 0.06 m.*--allow-inexact-crs"):
+        poses_in_crs(own, "EPSG:25832", "EPSG:3068", "a.txt", exact_to=0.06)
 
 
 def test_poses_in_the_map_s_own_plane_stay_and_heights_do_unless_both_crs_say_what_theirs_are():
     own = poses(458_888.0, 5_429_081.0)
     for source, target in (("EPSG:25832", "EPSG:25832"), ("EPSG:25832", "EPSG:25832+7837")):
-        got, words, operation = poses_in_crs(own, source, target, "a.txt")
+        got, words = poses_in_crs(own, source, target, "a.txt", exact_to=0.0)
         np.testing.assert_array_equal(got.positions, own.positions)
         np.testing.assert_allclose(got.quaternions_xyzw, own.quaternions_xyzw, atol=1e-12)
-        assert operation is None and "turned by +0.000 degrees" in words
+        assert "turned by +0.000 degrees" in words
     feet = own.positions * [1.0, 1.0, 1.0 / 0.3048]
     lifted = Trajectory(own.times, feet, own.quaternions_xyzw)
-    got, words, _ = poses_in_crs(lifted, "EPSG:25832+8228", "EPSG:25832", "a.txt")  # NAVD88 heights in feet
+    got, words = poses_in_crs(lifted, "EPSG:25832+8228", "EPSG:25832", "a.txt")  # NAVD88 heights in feet
     np.testing.assert_allclose(got.positions, own.positions, atol=1e-6)
     assert "heights times 0.3048" in words
 

@@ -75,7 +75,7 @@ def info(
 
     found = describe(path, topic)
     if is_json:
-        print_json(found._asdict() | {"scanners": [scanner._asdict() for scanner in found.scanners]})
+        print_json(found._asdict() | {"scanners": [scanner.facts for scanner in found.scanners]})
         return
     console = Console(highlight=False, markup=False)  # names in files are no markup
     if found.topics:

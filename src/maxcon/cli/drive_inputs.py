@@ -243,7 +243,7 @@ def _prior(
     if options.prior_crs is not None:
         if poses.operation is not None:
             raise OptionError(f"Expected no --prior-crs with latitudes and longitudes, as in {source}. Leave it out.")
-        trajectory, words, _ = poses_in_crs(poses.trajectory, options.prior_crs, crs, str(source))
+        trajectory, words = poses_in_crs(poses.trajectory, options.prior_crs, crs, str(source))
         poses = replace(poses, trajectory=trajectory, words="; ".join(filter(None, [poses.words, words])))
     trajectory = poses.trajectory
     if mounting is not None:

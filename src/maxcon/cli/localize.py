@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
 from maxcon.cli.options import (
@@ -26,10 +26,6 @@ from maxcon.cli.options import (
 )
 from maxcon.cli.terminal import warn
 from maxcon.errors import OptionError
-
-if TYPE_CHECKING:
-    from maxcon.map import PointMap
-    from maxcon.scan.trajectory import Trajectory
 
 
 class DriveFiles(OptionGroup, title="Inputs"):
@@ -73,22 +69,16 @@ class PictureOptions(OptionGroup, title="Output"):
         check_needs({"--reference-crs": self.reference_crs}, {"--reference": self.reference})
         check_needs({"--allow-inexact-crs": self.allow_inexact_crs}, {"--reference-crs": self.reference_crs})
 
-    def true_poses(self, point_map: "PointMap") -> "tuple[Trajectory | None, str]":
-        """Return the reference in the coordinates of a map, and how it came there in words.
-
-        CrsError if it gets there less exactly than to a voxel.
-        """
+    def true_poses(self, point_map: Any) -> tuple[Any, str]:
+        """Return the reference in the coordinates of a map, None without one, and how it came there in words."""
         from maxcon.io.poses_between_crs import poses_in_crs
         from maxcon.io.trajectories import read_trajectory
 
-        if self.reference is None:
-            return None, ""
-        poses, words = read_trajectory(self.reference), ""
-        if self.reference_crs is not None:
-            poses, words, by = poses_in_crs(poses, self.reference_crs, point_map.frame.crs, str(self.reference))
-            if by is not None and not self.allow_inexact_crs:
-                by.check(point_map.cell, str(self.reference))
-        return poses, words
+        poses = None if self.reference is None else read_trajectory(self.reference)
+        if poses is None or self.reference_crs is None:
+            return poses, ""
+        label, cell = str(self.reference), None if self.allow_inexact_crs else point_map.cell
+        return poses_in_crs(poses, self.reference_crs, point_map.frame.crs, label, exact_to=cell)
 
 
 class EpochWorkers(WorkerOptions, title="How it is done"):

@@ -35,7 +35,7 @@ def print_manifest(manifest: Manifest) -> None:
     """Say what a map is made of."""
     edge, keys, build = TILE_VOXELS * manifest.cell, manifest.tiles.rows["key"], manifest.build
     x_low, y_low, x_high, y_high = facts_of(manifest)["extent"]
-    signed = "turned to the sensor's side" if manifest.is_signed else "of unknown side: --trajectory of the mapping sensor tells it"
+    signed = "turned to the sensor's side" if manifest.is_signed else "of unknown side: --trajectory tells it"
     n_files = sum(len(section.files) for section in manifest.sections.values())
     files = f"{n_files:,} file{'s' if n_files > 1 else ''} of format version {FORMAT_VERSION}"
     beyond = beyond_area_of_use(manifest.crs, 0.5 * (x_low + x_high), 0.5 * (y_low + y_high))

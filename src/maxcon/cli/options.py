@@ -98,10 +98,9 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
     at: str | None = flag(None, metavar="X,Y,HEADING_DEG", rich_help_panel="Inputs")
 
     def __post_init__(self) -> None:
-        of_priors = {
-            "--prior-topic": self.prior_topic, "--geoid-height": self.geoid_height, "--prior-crs": self.prior_crs,
-        }  # fmt: skip
-        check_exclusive({"--at": self.at}, of_priors | {"--prior-frames": self.prior_frames})
+        of_priors = {"--prior-topic": self.prior_topic, "--geoid-height": self.geoid_height}
+        of_priors |= {"--prior-frames": self.prior_frames, "--prior-crs": self.prior_crs}
+        check_exclusive({"--at": self.at}, of_priors)
         check_exclusive({"--prior-topic": self.prior_topic}, {"--prior-frames": self.prior_frames})
         check_exclusive({"--odometry-topic": self.odometry_topic}, {"--odometry-frames": self.odometry_frames})
 

@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 from maxcon.errors import CrsError, TrajectoryError
-from maxcon.io.crs import Operation, PointTransform, parse_crs, plane_of
+from maxcon.io.crs import PointTransform, parse_crs, plane_of
 from maxcon.scan.trajectory import Trajectory
 
 
 def poses_in_crs(
-    poses: Trajectory, source: str, target: str | None, label: str
-) -> tuple[Trajectory, str, Operation | None]:
-    """Return poses in the CRS of a map, in words how they came there, and by which operation of PROJ.
+    poses: Trajectory, source: str, target: str | None, label: str, *, exact_to: float | None = None
+) -> tuple[Trajectory, str]:
+    """Return poses in the CRS of a map, and in words how they came there; CrsError if less exact than asked for, m.
 
     source, target: WKT or codes. label: whose poses they are, for messages.
 
@@ -43,12 +43,13 @@ def poses_in_crs(
 
     turned = Rotation.from_euler("z", turns[:, None])
     covariances, operation = poses.covariances, transform.operation
+    if operation is not None and exact_to is not None:
+        operation.check(exact_to, label)
     if covariances is not None:
-        matrices = turned.as_matrix()
-        shift = 0.0 if operation is None else operation.shift_sigma
+        matrices, shift = turned.as_matrix(), 0.0 if operation is None else operation.shift_sigma
         covariances = matrices @ covariances @ matrices.transpose(0, 2, 1) + np.diag([shift, shift, 0.0]) ** 2
     quaternions = (turned * Rotation.from_quat(poses.quaternions_xyzw)).as_quat()
     heights = "" if transform.has_heights else ", heights as they are"
     turn_deg = round(math.degrees(float(np.median(turns))), 3) + 0.0  # no -0
     words = f"{transform.words}{heights}, headings turned by {turn_deg:+.3f} degrees"
-    return Trajectory(poses.times, positions, quaternions, covariances), words, operation
+    return Trajectory(poses.times, positions, quaternions, covariances), words

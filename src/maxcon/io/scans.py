@@ -215,45 +215,10 @@ def _times_from_names(paths: tuple[Path, ...]) -> NDArray[np.float64]:
 
 
 class ScannerDescription(NamedTuple):
-    """What the first scans of a scanner say; None for what they do not say."""
+    """What the first scans of a scanner say, in words, and as numbers: m, a second, and ratios of the points."""
 
-    source: str
-    n_scans: int
-    n_read: int  # of them
-    rate: float | None  # a second
-    fields: str
-    times: str  # how those of points are understood
-    rings: tuple[int, int, int] | None  # the lowest, the highest, how many
-    points_per_scan: float
-    no_returns: float  # ratio of the points, as are the others
-    repeated: float
-    range: tuple[float, float, float] | None = None  # least, median, largest, m
-    extent: tuple[tuple[float, float], ...] | None = None  # along x, y and z, m
-    with_normals: float | None = None  # of the first scan
-    problem: str = ""  # with the first scan that cannot be read
-
-    @property
-    def words(self) -> dict[str, str]:
-        """The same in words, by what they are of."""
-        rate = f", {self.rate:.2f} a second" if self.rate else ""
-        words = {
-            "scans": f"{self.source}: {self.n_scans:,} scans{rate}; of the first {self.n_read}:",
-            "fields": self.fields,
-            "times": self.times,
-            "rings": "{2} ({0} to {1})".format(*self.rings) if self.rings else "not stored",
-            "points": f"{self.points_per_scan:,.0f} a scan; {100.0 * self.no_returns:.1f} % no returns,"
-            f" {100.0 * self.repeated:.1f} % come twice",
-        }
-        if self.range and self.extent:
-            least, median, largest = self.range
-            unit = ": are these millimetres?" if median > FARTHEST_MEDIAN else ""
-            words["range"] = f"{least:.2f} to {largest:.1f} m, median {median:.1f} m{unit}"
-            extents = zip("xyz", self.extent, strict=True)
-            words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, (low, high) in extents) + " m"
-        if self.with_normals is not None:
-            percent = f"{100.0 * self.with_normals:.0f} %"
-            words["normals"] = f"{percent} of the points of the first scan have one; 20 % are enough"
-        return words | ({"problem": self.problem} if self.problem else {})
+    words: dict[str, str]
+    facts: dict[str, Any]
 
 
 class RecordingDescription(NamedTuple):
@@ -301,25 +266,37 @@ def _described(
         except FileError as error:
             problems.append(str(error))
     times.sort()
+    rate = (len(times) - 1) / (times[-1] - times[0]) if times and times[-1] > times[0] else None
     n_seen = len(clouds) + len(problems)
-    n_points, n_invalid, n_duplicates = map(sum, zip((0, 0, 0), *(cloud[3:6] for cloud in clouds), strict=True))
+    counts = [*map(sum, zip((0, 0, 0), *(cloud[3:6] for cloud in clouds), strict=True))]
+    n_points, no_returns, repeated = counts[0] / max(n_seen, 1), *(count / max(counts[0], 1) for count in counts[1:])
     rings = np.unique(np.concatenate([np.empty(0, np.int64), *(c.rings for c in clouds if c.rings is not None)]))
-    found = ScannerDescription(
-        source, n_scans, n_seen, (len(times) - 1) / (times[-1] - times[0]) if times and times[-1] > times[0] else None,
-        (clouds[0].fields if clouds else "") or "x, y, z",
-        (clouds[0].times.words if clouds else "") or "the points of these files have no times",
-        (int(rings[0]), int(rings[-1]), len(rings)) if len(rings) else None, n_points / max(n_seen, 1),
-        n_invalid / max(n_points, 1), n_duplicates / max(n_points, 1), problem=problems[0] if problems else "",
-    )  # fmt: skip
+    words = {
+        "scans": f"{source}: {n_scans:,} scans{f', {rate:.2f} a second' if rate else ''}; of the first {n_seen}:",
+        "fields": (clouds[0].fields if clouds else "") or "x, y, z",
+        "times": (clouds[0].times.words if clouds else "") or "the points of these files have no times",
+        "rings": f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
+        "points": f"{n_points:,.0f} a scan; {100.0 * no_returns:.1f} % no returns, {100.0 * repeated:.1f} % come twice",
+    }
+    facts: dict[str, Any] = {
+        "source": source, "n_scans": n_scans, "rate": rate, "n_read": n_seen, "rings": rings.tolist(),
+        "points_per_scan": n_points, "no_returns": no_returns, "repeated": repeated, "problem": "".join(problems[:1]),
+        **{name: words[name] for name in ("fields", "times")},
+    }  # fmt: skip
     full = [cloud.points for cloud in clouds if len(cloud.points)]
-    if not full:
-        return found
-    points = np.concatenate(full)
-    ranges = np.linalg.norm(points, axis=1)
-    first = ranges[: len(full[0])]
-    near = full[0][(first >= 1.0) & (first <= 120.0)]
-    return found._replace(
-        range=(float(ranges.min()), float(np.median(ranges)), float(ranges.max())),
-        extent=tuple(zip(points.min(axis=0).tolist(), points.max(axis=0).tolist(), strict=True)),
-        with_normals=float(Scan(near).normals.any(axis=1).mean()) if len(near) else None,
-    )
+    if full:
+        points = np.concatenate(full)
+        ranges = np.linalg.norm(points, axis=1)
+        least, median, largest = facts["range"] = [float(of(ranges)) for of in (np.min, np.median, np.max)]
+        unit = ": are these millimetres?" if median > FARTHEST_MEDIAN else ""
+        words["range"] = f"{least:.2f} to {largest:.1f} m, median {median:.1f} m{unit}"
+        facts["extent"] = np.column_stack([points.min(axis=0), points.max(axis=0)]).tolist()
+        extents = zip("xyz", facts["extent"], strict=True)
+        words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, (low, high) in extents) + " m"
+        first = ranges[: len(full[0])]
+        near = full[0][(first >= 1.0) & (first <= 120.0)]
+        if len(near):
+            facts["with_normals"] = float(Scan(near).normals.any(axis=1).mean())
+            percent = f"{100.0 * facts['with_normals']:.0f} %"
+            words["normals"] = f"{percent} of the points of the first scan have one; 20 % are enough"
+    return ScannerDescription(words | ({"problem": problems[0]} if problems else {}), facts)

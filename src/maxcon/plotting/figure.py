@@ -195,11 +195,11 @@ SIDE = 6.6  # longer side of a map that fills a figure, inches
 @contextmanager
 def map_figure(
     path: str | os.PathLike[str] | None, window: Window, point_map: "PointMap | None", titles: tuple[str, str],
-    side: float = SIDE, axes: "Axes | None" = None,
+    side: float = SIDE, axes: "Axes | None" = None, legend_columns: int = 0,
 ) -> Iterator[tuple["Figure", "Axes"]]:  # fmt: skip
     """Yield a figure with the map of a window, its longer side about so many inches, and its axes.
 
-    axes: the user's own to draw on instead, in the user's style; the title is theirs, and nothing is written.
+    axes: the user's own to draw on instead, in the user's style; nothing is written. legend_columns: 0 for no legend.
     """
     if axes is not None:
         if path is not None:
@@ -216,3 +216,5 @@ def map_figure(
         draw_map(axes, point_map, window)
         yield figure, axes
         draw_scale_bar(axes, window)
+        if legend_columns:
+            figure.legend(loc="outside lower left", ncols=legend_columns)

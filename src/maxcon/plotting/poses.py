@@ -37,8 +37,7 @@ def plot_poses(
     places = point_map.frame.to_local(poses.positions)
     window = Window.with_room(places)
     words = f"{len(poses)} poses."
-    own = axes is None
-    with map_figure(path, window, point_map, (title, words), axes=axes) as (figure, axes):
+    with map_figure(path, window, point_map, (title, words), axes=axes, legend_columns=2) as (figure, axes):
         if prior is not None:
             rough = point_map.frame.to_local(prior.positions)
             axes.plot(*rough[:, :2].T, color=SERIES[1], lw=1.4, zorder=3, label="prior")
@@ -49,8 +48,6 @@ def plot_poses(
             *places[::step, :2].T, np.cos(headings), np.sin(headings), color=INK, angles="xy", scale_units="xy",
             scale=18.0 / max(window.size), width=0.004, zorder=6,
         )  # fmt: skip
-        if own:
-            figure.legend(loc="outside lower left", ncols=2)
     return figure
 
 
@@ -77,8 +74,7 @@ def plot_drive(
     is_good, is_missing = values <= success, np.isnan(values)
     words = f"{int(is_good.sum())} of {len(values)} epochs within {success:g} m of the reference."
     window = Window.with_room(places)
-    own = axes is None
-    with map_figure(path, window, point_map, (title, words), axes=axes) as (figure, axes):
+    with map_figure(path, window, point_map, (title, words), axes=axes, legend_columns=3) as (figure, axes):
         axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
         colors = axes.scatter(
             places[is_good, 0], places[is_good, 1], c=values[is_good], cmap="viridis", vmin=0.0, vmax=success, s=42,
@@ -90,8 +86,6 @@ def plot_drive(
         )
         axes.plot(*places[is_missing].T, "x", ms=9, mec="black", mew=2.2, zorder=5, label="not localized")
         figure.colorbar(colors, ax=axes, label="error [m]")
-        if own:
-            figure.legend(loc="outside lower left", ncols=3)
     return figure
 
 
