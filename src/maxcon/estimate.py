@@ -58,7 +58,8 @@ _EXPLANATIONS = {
     " searched, or is the map old or thin?",
     Status.NO_MATCH: "No place was found where the scan matches: was it taken in the map, and is the height right?",
     Status.NO_POINTS: "The scan has no point within the range limits (--min-range, --max-range, in metres).",
-    Status.NO_PRIOR: "The prior trajectory has no pose at, or closely around, the time of the scan.",
+    Status.NO_PRIOR: "The prior trajectory has no pose at, or closely around, the time of the scan"
+    " (--max-gap, --time-offset).",
     Status.OUTSIDE_MAP: "The prior lies outside the map.",
     Status.LOST: "The track has no place yet that enough scans agree on, or none any more: it looks around the prior"
     " until it has. The reason beside it says which. Without a prior: `maxcon relocalize`.",

@@ -6,6 +6,7 @@ import pytest
 from localized_poses import localized_poses
 from maxcon.geometry import Pose
 from maxcon.io.crs import GeographicFrame
+from maxcon.io.poses_between_crs import poses_in_crs
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.lab.simulation.datasets import CRS
 from maxcon.scan.trajectory import Trajectory
@@ -73,6 +74,25 @@ def test_a_receiver_s_log_and_one_whose_heights_are_not_the_map_s(assert_same, l
     assert_same(tmp_path / "gnss.nmea", *words, within=2e-3)
     ended = localize("--overwrite", prior=tmp_path / "off.nmea")
     refused(ended, "--geoid-height", "geoid height of the log 40.00 m")
+
+
+def test_priors_and_references_in_another_projected_crs(assert_same, localize, refused, drive, table, tmp_path):
+    """In the next UTM zone, where headings are 4 degrees off; in a datum that is known to a metre."""
+    options = ("--prior-crs", "EPSG:25833", "--sigma-position", "1", "--sigma-heading-deg", "1")
+    prior, reference, elsewhere = (tmp_path / f"{name}.txt" for name in ("prior", "reference", "elsewhere"))
+    for source, crs, path in (("prior", 25833, prior), ("reference", 25833, reference), ("reference", 3068, elsewhere)):
+        own = read_trajectory(getattr(drive.dataset, source))
+        write_tum(path, poses_in_crs(own, CRS, f"EPSG:{crs}", source)[0])
+    true = ("--reference", reference, "--reference-crs", "EPSG:25833")
+    said = (f"{name}: from ETRS89 / UTM zone 33N" for name in ("prior", "reference"))
+    said = (*said, "4 localized scans, 0 farther")
+    assert_same(prior, *said, options=(*options, *true))
+    refused(localize("--overwrite", prior=prior), "--prior-crs")
+    inexact = ("--reference", elsewhere, "--reference-crs", "EPSG:3068", "--overwrite")  # Soldner's of Berlin
+    refused(localize(*inexact), "exact to a voxel", "--allow-inexact-crs")
+    assert localize(*inexact, "--allow-inexact-crs").code == 0
+    refused(localize("--prior-crs", CRS, "--overwrite", prior=table()), "--prior-crs with latitudes")
+    refused(localize("--at", "1,2,3", "--prior-crs", CRS, prior=None), "--at", "--prior-crs")
 
 
 def test_priors_of_an_antenna_become_the_scanner_s(assert_same, localize, refused, drive, tmp_path):

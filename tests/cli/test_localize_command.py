@@ -251,6 +251,7 @@ def test_a_page_of_the_drive_is_written_with_and_without_a_reference(localize, d
     assert (ended.code, ended.err) == (0, "") and ended.out.endswith(f"a page of it: {page}\n")
     text = page.read_text(encoding="utf-8")
     assert "4 of 4 scans are localized" in text and "How far from the reference" in text
+    assert f"<dd>{drive.dataset.reference}</dd>" in text
     assert "12 m and 10 degrees around" in text and "assumed: " in text and "(EPSG:25832)" in text
     refused(localize("--report", tmp_path / "page.pdf", out="b.csv"), "a page .html or .htm as --report", "Rename it")
     assert localize("--report", page, "--resume", "-q").code == 0

@@ -28,6 +28,7 @@ def test_what_is_taken_of_a_cloud_and_what_not(build, write_las, street, tmp_pat
     np.savez(tmp_path / "more.npz", points=street)
     said = build(cloud, tmp_path / "more.npz", "--crs", "EPSG:25832")
     assert "from 5,990 points" in said["voxels"] and "warning" not in said["CRS"]
+    assert said["normals"].endswith("of unknown side: --trajectory tells it")
     dropped = "3,000 points, 2,990 kept; dropped 10 without finite coordinates"
     assert said["source"].endswith(
         f"more.npz: {dropped}; no ASPRS classes: ground, vegetation and vehicles were not dropped"
@@ -75,6 +76,17 @@ def test_how_well_a_map_is_known_and_from_what(build, maxcon, refused, street_np
     assert build(passes)["sigma"].startswith("sigma        0.0125 m, from alignment.json beside the clouds")
     file.write_text("{")
     refused(maxcon("map", "build", passes, "-o", out / "b.map"), "alignment.json", "--sigma")
+
+
+def test_what_map_info_says_is_there_as_json(maxcon, drive):
+    ended = maxcon("map", "info", drive.city, "--check", "--json")
+    facts, manifest = json.loads(ended.out), read_manifest(drive.city)
+    assert (ended.code, ended.err, facts["crs"], facts["build"]) == (0, "", "EPSG:25832", manifest.build)
+    assert (facts["cell"], facts["n_voxels"], facts["n_tiles"]) == (0.06, manifest.n_voxels, len(manifest.tiles))
+    x_low, y_low, x_high, y_high = facts["extent"]
+    said = maxcon("map", "info", drive.city).out
+    assert f"x {x_low:.1f} to {x_high:.1f}, y {y_low:.1f} to {y_high:.1f} m" in said
+    assert f"{facts['n_ground_heights']:,} heights" in said and facts["n_ground_heights"] > 1000
 
 
 def test_a_map_is_exported_once(maxcon, refused, drive, tmp_path):

@@ -1,5 +1,7 @@
 """Recordings on the command line: localized as the files are, described, and refused in a line."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,14 @@ def test_a_recorded_drive_has_the_poses_of_its_files(localize, maxcon, recording
     assert (ended.code, ended.err) == (0, "")
     for word in ("/gnss/fix", "sensor_msgs/msg/NavSatFix", "/points: 4 scans", "x float32 at 0", "normals"):
         assert word in ended.out
+    facts = json.loads(maxcon("scans", "info", recordings[kind], "--topic", "/points", "--json").out)
+    (scanner,) = facts["scanners"]
+    assert {"name": "/gnss/fix", "type": "sensor_msgs/msg/NavSatFix", "n_messages": 4} in facts["topics"]
+    assert (scanner["n_scans"], scanner["n_read"], scanner["problem"]) == (4, 4, "")
+    assert f"{scanner['points_per_scan']:,.0f} a scan" in ended.out
+    least, median, largest = scanner["range"]
+    assert f"{least:.2f} to {largest:.1f} m, median {median:.1f} m" in ended.out
+    assert f"{100.0 * scanner['with_normals']:.0f} % of the points" in ended.out
 
 
 def test_what_is_asked_of_a_recording_and_is_not_there(localize, refused, recordings, tmp_path):

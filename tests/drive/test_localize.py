@@ -84,6 +84,8 @@ def test_epochs_come_one_at_a_time_with_local_priors(point_map, scan_folder):
     _, prior = method.asked[0]
     np.testing.assert_allclose(prior.position, truth(0).position + [0.6, -0.42, 0.0], atol=1e-8)
     np.testing.assert_allclose(first.pose_global.position, prior.position + FRAME.origin, atol=1e-8)
+    assert repr(first).startswith("EpochEstimate(0, localized, Pose(x=") and len(repr(first)) < 250
+    assert repr(first.raw) == f"RawScan(000000.bin, {len(first.raw.points)} points, time=10.0)"
     light = first.without_points()
     assert (len(light.scan), len(light.raw.points)) == (0, 0) < (len(first.scan), 0)
     assert (light.raw.n_returns, light.pose_global, light.scan.time) == (first.raw.n_returns, first.pose_global, 10.0)

@@ -138,6 +138,7 @@ def test_a_map_has_the_bounds_of_its_tiles_keeps_what_it_is_given_and_has_a_shor
     assert repr(PointMap.from_points(points, normals)) == "PointMap(2 tiles, 61 x 31 m, no CRS)"
     frame = LocalFrame((0.0, 0.0, 0.0), crs=metric_crs("EPSG:25832"))
     assert repr(PointMap.from_points(points, normals, frame=frame)).endswith("m, EPSG:25832)")
+    assert repr(frame) == "LocalFrame(0, 0, 0, EPSG:25832)"
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ def draw(path, given, **changes):
 
 def test_an_objective_may_be_named_and_map_and_scan_may_be_empty(tmp_path):
     draw(tmp_path / "a.png", parts())
+    assert repr(parts()["accumulator"]).startswith("Accumulator(5 x ")
     draw(tmp_path / "b.png", parts(), objective="helmert")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert png_size(tmp_path / "a.png") == (1812, 1122)

@@ -4,7 +4,7 @@ import pytest
 
 import maxcon
 from drawn_figures import parts, yard
-from maxcon.errors import FileError
+from maxcon.errors import FileError, OptionError
 from maxcon.plotting.figure import Window, count_voxels, round_length, saved_figure
 
 
@@ -65,4 +65,16 @@ def test_figures_are_returned_and_without_a_path_not_written(tmp_path, monkeypat
         maxcon.plot_epoch(None, **parts(), title="A yard"),
     ]
     assert all(isinstance(figure, Figure) for figure in shown)
+    assert [len(part.axes) for part in shown[-1].subfigs] == [7, 1]  # as its docstring says: panels, and the scene
+    own = Figure()
+    left, right = own.subplots(1, 2)
+    assert maxcon.plot_poses(None, poses, yard().point_map, title="$x", axes=left) is own
+    assert maxcon.plot_drive(None, [[0.0, 0.0], [1.0, 0.0]], [0.1, 0.2], axes=right) is own
+    assert [axes.get_title(loc="left") for axes in (left, right)] == ["$x", "The drive from above"]
+    assert [[text.get_text() for text in axes.get_legend().get_texts()][-1] for axes in (left, right)] == [
+        "poses", "not localized",
+    ]  # fmt: skip
+    assert left.collections and right.collections
+    with pytest.raises(OptionError, match="either a path or axes, got both"):
+        maxcon.plot_poses("a.png", poses, yard().point_map, axes=left)
     assert list(tmp_path.iterdir()) == []

@@ -12,8 +12,8 @@ from maxcon.cli.export import export
 from maxcon.cli.flags import GroupedCommand
 from maxcon.cli.live import live
 from maxcon.cli.localize import localize, relocalize
-from maxcon.cli.options import Topic
-from maxcon.cli.terminal import Stop, stopping_in_order, warn
+from maxcon.cli.options import IsJson, Topic
+from maxcon.cli.terminal import Stop, print_json, stopping_in_order, warn
 from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
@@ -64,6 +64,7 @@ def _group() -> None:
 def info(
     path: Annotated[Path, typer.Argument(metavar="SCANS", help="Scans or a recording, as of `maxcon localize`.")],
     topic: Topic = None,
+    is_json: IsJson = False,
 ) -> None:
     """Print topics, fields, how times of points are understood and why, rate, extent, and shares of points."""
     from rich.console import Console
@@ -73,6 +74,9 @@ def info(
     from maxcon.io.text import printable
 
     found = describe(path, topic)
+    if is_json:
+        print_json(found._asdict() | {"scanners": [scanner.facts for scanner in found.scanners]})
+        return
     console = Console(highlight=False, markup=False)  # names in files are no markup
     if found.topics:
         names = [Column("topic", overflow="fold"), Column("type", overflow="fold"), Column("messages", justify="right")]
@@ -86,7 +90,7 @@ def info(
         console.print("no point cloud that can be read")
     for scanner in found.scanners:
         table = Table("", "", show_header=False, box=None, pad_edge=False)
-        for row in scanner.items():
+        for row in scanner.words.items():
             table.add_row(*row)
         console.print()
         console.print(table)

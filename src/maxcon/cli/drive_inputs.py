@@ -39,6 +39,7 @@ from maxcon.geometry import Pose
 from maxcon.integrity import Trust
 from maxcon.io.fixes import Heights, RecordedPoses
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
+from maxcon.io.poses_between_crs import poses_in_crs
 from maxcon.io.raw_scan import DeskewedScans, MergedScans, Scans
 from maxcon.io.recordings.clouds import RecordedScans
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
@@ -239,6 +240,11 @@ def _prior(
     frames = options.prior_frames and parse_frames(options.prior_frames, "--prior-frames")
     how = {"topic": options.prior_topic, "frames": frames or None, "sensor_frame": sensor_frame}
     poses = read_rough_poses(source, crs, options.geoid_height, asked, are_sure=mounting is not None, **how)
+    if options.prior_crs is not None:
+        if poses.operation is not None:
+            raise OptionError(f"Expected no --prior-crs with latitudes and longitudes, as in {source}. Leave it out.")
+        trajectory, words = poses_in_crs(poses.trajectory, options.prior_crs, crs, str(source))
+        poses = replace(poses, trajectory=trajectory, words="; ".join(filter(None, [poses.words, words])))
     trajectory = poses.trajectory
     if mounting is not None:
         trajectory = mounting.of_prior(trajectory, has_orientations=poses.has_orientations)

@@ -3,9 +3,11 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from maxcon.cli.flags import OptionGroup, argument, check_exclusive, check_needs, flag, flags
 from maxcon.cli.options import (
+    AllowInexactCrs,
     AtStamp,
     Certainty,
     MethodOptions,
@@ -52,15 +54,31 @@ class PictureOptions(OptionGroup, title="Output"):
 
     report: Write a page of the drive: map, statuses, protection levels, worst epochs.
     reference: Poses held for true: summary and --report say how far answers are from them.
+    reference_crs: CRS of the reference, if it is not the map's.
     """
 
     plot: Path | None = flag(None, "Draw epochs into this folder.", metavar="DIR")
     plot_epochs: str | None = flag(None, "Epochs to draw: 0,5,10-20 or all. Default: ten of the drive.", metavar="LIST")
     report: Path | None = flag(None, metavar="PAGE.html")
     reference: Path | None = flag(None, metavar="TUM|CSV")
+    reference_crs: str | None = flag(None, metavar="EPSG:N|WKT")
+    allow_inexact_crs: AllowInexactCrs = False
 
     def __post_init__(self) -> None:
         check_needs({"--plot-epochs": self.plot_epochs}, {"--plot DIR": self.plot})
+        check_needs({"--reference-crs": self.reference_crs}, {"--reference": self.reference})
+        check_needs({"--allow-inexact-crs": self.allow_inexact_crs}, {"--reference-crs": self.reference_crs})
+
+    def true_poses(self, point_map: Any) -> tuple[Any, str]:
+        """Return the reference in the coordinates of a map, None without one, and how it came there in words."""
+        from maxcon.io.poses_between_crs import poses_in_crs
+        from maxcon.io.trajectories import read_trajectory
+
+        poses = None if self.reference is None else read_trajectory(self.reference)
+        if poses is None or self.reference_crs is None:
+            return poses, ""
+        label, cell = str(self.reference), None if self.allow_inexact_crs else point_map.cell
+        return poses_in_crs(poses, self.reference_crs, point_map.frame.crs, label, exact_to=cell)
 
 
 class EpochWorkers(WorkerOptions, title="How it is done"):
@@ -87,7 +105,6 @@ def localize(
     from maxcon.cli.drive_inputs import DriveOpener, by_workers, parse_objective
     from maxcon.drive.localize import DriveOptions
     from maxcon.drive.many import DriveEntry
-    from maxcon.io.trajectories import read_trajectory
 
     if worker.scheduler is not None:  # its workers are in other folders
         named = files.map_folder, files.scans, files.prior, files.times
@@ -121,9 +138,10 @@ def localize(
     view.check(resume=table.resume)
     out, plot = files.out, pictures.plot
     drive_output.check_outputs(out, table, prior=files.prior, plot=plot, report=pictures.report)
-    reference = None if pictures.reference is None else read_trajectory(pictures.reference)
+    point_map = opener.open_map(files.map_folder)
+    reference, reference_words = pictures.true_poses(point_map)
     entry = DriveEntry("", files.scans, files.map_folder, files.prior, files.times, motion.odometry)
-    drive = opener.open(entry, opener.open_map(files.map_folder), quiet=quiet)
+    drive = opener.open(entry, point_map, quiet=quiet)
     localized = drive_output.TableOfDrive(out, table, drive.scans.times, is_track=motion.track)
     there = localized.there
     wanted = frozenset() if plot is None else drive_output.parse_epochs(pictures.plot_epochs, len(drive.scans))
@@ -133,7 +151,8 @@ def localize(
     scored = [partial(drive_output.cell_scores_of, drive)] if view.scores else []
     with view.shown(started, drive.point_map, drive.prior.trajectory.positions[0], *scored) as shown:
         localized.write(shown, quiet, draw)
-    localized.say(*drive.words, inputs=drive.words)
+    said = (*drive.words, *([f"reference: {reference_words}"] if reference_words else []))
+    localized.say(*said, inputs=said)
     searched = drive_output.searched_words(drive, localized.epochs)
     localized.print_summary(drive.entry.map, searched, drive.prior.left_out)
     if not there.n_localized:
@@ -144,6 +163,8 @@ def localize(
         if motion.track:
             reach = f"tracked, within {reach} the prior"
         assumed = {"Searched": searched or reach, "Risk of a protection level": f"{certainty.risk:g} per scan"}
+        if reference is not None:
+            assumed["Reference"] = ", ".join(filter(None, [str(pictures.reference), reference_words]))
         drive_output.report_drive(pictures.report, localized, drive, reference, assumed)
     localized.end()
 

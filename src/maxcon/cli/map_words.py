@@ -7,7 +7,7 @@ from typing import Any
 import typer
 
 from maxcon.cli.terminal import print_rows
-from maxcon.io.crs import LARGEST_INEXACTNESS, beyond_area_of_use, crs_name
+from maxcon.io.crs import LARGEST_INEXACTNESS, beyond_area_of_use, crs_code, crs_name
 from maxcon.map import TILE_VOXELS
 from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import FORMAT_VERSION, Manifest
@@ -19,12 +19,23 @@ MOST_PAIRS = 15  # in the printed table; residuals.csv has all
 MOST_SOURCES = 20
 
 
+def facts_of(manifest: Manifest) -> dict[str, Any]:
+    """Return what a map is made of as numbers, and what its manifest says of the build."""
+    edge, keys = TILE_VOXELS * manifest.cell, manifest.tiles.rows["key"]
+    low, high = (corner * edge + manifest.origin[:2] for corner in (keys.min(axis=0), keys.max(axis=0) + 1))
+    return {
+        "cell": manifest.cell, "n_voxels": manifest.n_voxels, "n_points": manifest.n_points, "n_tiles": len(keys),
+        "extent": [*low.tolist(), *high.tolist()], "origin": manifest.origin, "crs": crs_code(manifest.crs),
+        "has_signed_normals": manifest.is_signed, "n_ground_heights": int(manifest.ground.rows["n_rows"].sum()),
+        "sigma": manifest.sigma, "build": manifest.build,
+    }  # fmt: skip
+
+
 def print_manifest(manifest: Manifest) -> None:
     """Say what a map is made of."""
     edge, keys, build = TILE_VOXELS * manifest.cell, manifest.tiles.rows["key"], manifest.build
-    x_low, y_low = keys.min(axis=0) * edge + manifest.origin[:2]
-    x_high, y_high = (keys.max(axis=0) + 1) * edge + manifest.origin[:2]
-    signed = "turned to the sensor's side" if manifest.is_signed else "unsigned (no sensor side: w = |cos|)"
+    x_low, y_low, x_high, y_high = facts_of(manifest)["extent"]
+    signed = "turned to the sensor's side" if manifest.is_signed else "of unknown side: --trajectory tells it"
     n_files = sum(len(section.files) for section in manifest.sections.values())
     files = f"{n_files:,} file{'s' if n_files > 1 else ''} of format version {FORMAT_VERSION}"
     beyond = beyond_area_of_use(manifest.crs, 0.5 * (x_low + x_high), 0.5 * (y_low + y_high))

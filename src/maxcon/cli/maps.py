@@ -9,8 +9,8 @@ import typer
 
 from maxcon.cli.flags import GroupedCommand, OptionGroup, argument, check_exclusive, flag, flags
 from maxcon.cli.georeference import georeference
-from maxcon.cli.options import AllowInexactCrs, MappingDrive, Quiet, RangeOptions, Scheduler, ViewOptions
-from maxcon.cli.terminal import compiling_told, print_rows, step_bars, warn
+from maxcon.cli.options import AllowInexactCrs, IsJson, MappingDrive, Quiet, RangeOptions, Scheduler, ViewOptions
+from maxcon.cli.terminal import compiling_told, print_json, print_rows, step_bars, warn
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
@@ -243,9 +243,10 @@ def info(
     path: Annotated[Path, typer.Argument(metavar="MAP", help="Folder, or address: s3://, http://, https://.")],
     view: ViewOptions,
     check: Annotated[bool, typer.Option("--check", help="Also read every tile and verify its checksum.")] = False,
+    is_json: IsJson = False,
 ) -> None:
     """Print what a map is made of, and show it."""
-    from maxcon.cli.map_words import print_manifest
+    from maxcon.cli.map_words import facts_of, print_manifest
     from maxcon.map.manifest import read_manifest
     from maxcon.map.storage import open_storage
     from maxcon.map.store import stored_ground, stored_tiles
@@ -253,7 +254,10 @@ def info(
     view.check()
     files = open_storage(path)
     manifest = read_manifest(files)
-    print_manifest(manifest)
+    if is_json:
+        print_json(facts_of(manifest))
+    else:
+        print_manifest(manifest)
     if view.is_wanted:
         from maxcon.export.scene import with_rerun
         from maxcon.map import PointMap
@@ -264,7 +268,8 @@ def info(
         for each in (tiles, stored_ground(files, manifest)):
             for key in sorted(each.keys):
                 each.load(key)
-        typer.echo(f"checked      all {len(tiles.keys)} tiles are as they were written")
+        if not is_json:  # exit code 0 says it
+            typer.echo(f"checked      all {len(tiles.keys)} tiles are as they were written")
 
 
 @app.command()

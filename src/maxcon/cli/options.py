@@ -27,6 +27,7 @@ TurnTime = Annotated[
         " clockwise seen from above; negative for counter-clockwise.",
     ),
 ]
+IsJson = Annotated[bool, Option("--json", help="Print one JSON object instead of sentences.")]
 AllowInexactCrs = Annotated[
     bool, Option("--allow-inexact-crs", help="The CRS may be converted to less exactly than to a voxel of the map.")
 ]
@@ -78,6 +79,8 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
         example.
     mounting: Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses
         become the scanner's.
+    prior_crs: CRS of the prior's x and y (east and north), if it is not the map's: positions and headings are
+        transformed.
     at: Of one scan, instead of --prior: a place on the map's ground in its CRS, m, and the heading there, degrees
         counter-clockwise from +x.
     """
@@ -91,11 +94,13 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
     mounting: Path | None = flag(None, metavar="TOML")
     at_stamp: AtStamp = False
     time_offset: float = flag(0.0, "Added to the times of the prior and of the odometry.", metavar="S")
+    prior_crs: str | None = flag(None, metavar="EPSG:N|WKT", rich_help_panel="Inputs")
     at: str | None = flag(None, metavar="X,Y,HEADING_DEG", rich_help_panel="Inputs")
 
     def __post_init__(self) -> None:
         of_priors = {"--prior-topic": self.prior_topic, "--geoid-height": self.geoid_height}
-        check_exclusive({"--at": self.at}, of_priors | {"--prior-frames": self.prior_frames})
+        of_priors |= {"--prior-frames": self.prior_frames, "--prior-crs": self.prior_crs}
+        check_exclusive({"--at": self.at}, of_priors)
         check_exclusive({"--prior-topic": self.prior_topic}, {"--prior-frames": self.prior_frames})
         check_exclusive({"--odometry-topic": self.odometry_topic}, {"--odometry-frames": self.odometry_frames})
 

@@ -30,6 +30,13 @@ def print_rows(rows: Iterable[tuple[str, str]]) -> None:
         typer.echo(f"{name:<12} {text}")
 
 
+def print_json(facts: dict[str, Any]) -> None:
+    """Print facts as one JSON object, what is no finite number as null."""
+    import msgspec
+
+    typer.echo(msgspec.json.encode(facts).decode())
+
+
 @contextmanager
 def step_bars(is_quiet: bool, *, has_lines: bool = False) -> Iterator["Progress"]:
     """Yield what shows a bar for each step; where stderr is no terminal nothing, or a line with `has_lines`."""

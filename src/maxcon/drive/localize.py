@@ -87,6 +87,9 @@ class EpochEstimate:
     reason: str = ""
     crs: str = ""
 
+    def __repr__(self) -> str:
+        return f"EpochEstimate({self.epoch}, {self.status.value}, {self.pose_global}, reason={self.reason!r})"
+
     def without_points(self) -> EpochEstimate:
         """Return the same answer without the points, to keep over a long drive."""
         nothing = np.empty((0, 3))
@@ -344,8 +347,12 @@ def check_inside(point_map: PointMap, priors: Sequence[Pose | None], what: str =
     (x_low, y_low), (x_high, y_high) = point_map.bounds
     x, y, _ = point_map.frame.to_local([[first.y, first.x, 0.0]])[0].tolist()
     low, high = point_map.frame.to_global([[x_low, y_low, 0.0], [x_high, y_high, 0.0]])
-    remedy = "Are x and y swapped?" if point_map.covers(x, y, MAP_MARGIN) else "Are both in the same CRS?"
-    if max(abs(first.x), abs(first.y)) <= 180.0 and np.abs(low[:2]).max() > FAR_FROM_ZERO:
+    remedy = "Are both in the same CRS?"
+    if point_map.covers(x, y, MAP_MARGIN):
+        remedy = "Are x and y swapped?"
+    elif point_map.frame.crs and max(abs(first.x), abs(first.y)) > FAR_FROM_ZERO:
+        remedy += " `maxcon localize --prior-crs` takes poses of another."
+    elif max(abs(first.x), abs(first.y)) <= 180.0 and np.abs(low[:2]).max() > FAR_FROM_ZERO:
         remedy += " Degrees belong into a CSV that names them: time,latitude,longitude,... (docs/priors.md)."
     raise MapError(
         f"Expected {what} inside the map, x {low[0]:.7g} to {high[0]:.7g} and y {low[1]:.7g} to"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -190,6 +191,16 @@ class LocalFrame:
 
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     crs: str | None = None
+
+    def __repr__(self) -> str:
+        return f"LocalFrame({', '.join(f'{value:.12g}' for value in self.origin)}, {self.crs_words})"
+
+    @property
+    def crs_words(self) -> str:
+        """EPSG:25832 or the like, the name where the WKT has no code, or "no CRS"."""
+        crs = self.crs or "no CRS"
+        code = re.search(r'ID\["(\w+)",(\d+)\]\]\s*$', crs)
+        return ":".join(code.groups()) if code else crs.split('"')[1] if '"' in crs else crs
 
     def __post_init__(self) -> None:
         origin = tuple(float(value) for value in self.origin)

@@ -18,6 +18,7 @@ LARGEST_INEXACTNESS = 0.05  # m: a transformation that is less exact is worth a 
 MOVING = ("helmert", "molodensky", "molobadekas", "shift", "deformation")  # in the names of PROJ's steps
 GEOGRAPHIC, GEOGRAPHIC_3D = "EPSG:4326", "EPSG:4979"
 NORTHWARDS = 1e-4  # degrees, some 11 m: over such a way the direction of north on the grid is found
+EASTWARDS = np.array([5.0, 0.0, 0.0])  # m to both sides, likewise for the direction of one grid's x axis on another
 
 
 class FileCrs(NamedTuple):
@@ -67,6 +68,11 @@ def metric_crs(text: str) -> str:
             " Reproject the points first, to the UTM zone for example: `map build --to-crs`."
         )
     return str(crs.to_wkt())
+
+
+def plane_of(crs: Any) -> Any:
+    """Return a pyproj.CRS without its heights."""
+    return crs.sub_crs_list[0] if crs.is_compound else crs.to_2d()
 
 
 def same_crs(one: str, other: str) -> bool:
@@ -145,6 +151,11 @@ class Operation(NamedTuple):
         return 0.0 <= self.accuracy <= LARGEST_INEXACTNESS
 
     @property
+    def shift_sigma(self) -> float:
+        """How far places may be off, m, as they moved into another datum; PROJ's metre of WGS 84 does not count."""
+        return 0.0 if self.is_exact or not self.moves else max(self.accuracy, 0.0)
+
+    @property
     def words(self) -> str:
         """Its name, its accuracy, and what would be more exact."""
         exact = f"exact to {self.accuracy:g} m" if self.accuracy > 0.0 else "exactly"
@@ -194,10 +205,10 @@ class PointTransform(_Between):
 
     def __init__(self, source: str, target: str) -> None:
         self._source, self._target = parse_crs(source), parse_crs(metric_crs(target))
-        self._has_heights = self._source.is_geocentric or len(self._target.axis_info) > 2
-        self._transformer, self._height_unit = self._with_heights() if self._has_heights else self._in_plane()
+        self.has_heights = self._source.is_geocentric or len(self._target.axis_info) > 2
+        self._transformer, self._height_unit = self._with_heights() if self.has_heights else self._in_plane()
         ends = self._source, self._target
-        super().__init__(*(ends if self._has_heights else (crs.to_2d() for crs in ends)))
+        super().__init__(*(ends if self.has_heights else (crs.to_2d() for crs in ends)))
 
     @property
     def height_reference(self) -> str:
@@ -219,14 +230,20 @@ class PointTransform(_Between):
         x, y, z = points.T
         if self._source.is_geocentric:
             _check_geocentric(points)
-        if self._has_heights:
+        if self.has_heights:
             return self._turned(self._transformer, x, y, z)
         plane = points[:, :2] if self._transformer is None else self._turned(self._transformer, x, y)
         return np.column_stack([plane, z * self._height_unit])
 
+    def turns(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far headings of a grid are turned in the target, shape (n,), rad, at points (n, 3) of it."""
+        with np.errstate(invalid="ignore"):  # of infinities
+            east, north, _ = (self.apply(points + EASTWARDS) - self.apply(points - EASTWARDS)).T
+        return np.asarray(np.arctan2(north, east), dtype=np.float64)
+
     def bounds_in_source(self, bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float] | None:
         """Return a rectangle (x_min, y_min, x_max, y_max) of the source around one of the target, if in plane."""
-        if self._has_heights:
+        if self.has_heights:
             return None
         if self._transformer is None:
             return bounds
@@ -250,7 +267,7 @@ class PointTransform(_Between):
     def _in_plane(self) -> tuple[Any, float]:
         crs = self._source
         axes = crs.axis_info
-        plane = crs.sub_crs_list[0] if crs.is_compound else crs.to_2d()
+        plane = plane_of(crs)
         if len(axes) > 2:
             unit = float(axes[2].unit_conversion_factor)
         else:
@@ -307,9 +324,8 @@ class GeographicFrame(_Between):
 
     @property
     def shift_sigma(self) -> float:
-        """How far places may be off, m, as they moved into the map's datum; PROJ's metre of WGS 84 does not count."""
-        operation = self.operation
-        return 0.0 if operation is None or operation.is_exact or not operation.moves else max(operation.accuracy, 0.0)
+        """As of its operation, m."""
+        return 0.0 if self.operation is None else self.operation.shift_sigma
 
     def to_map(self, places: NDArray[np.float64], geoid_height: float | None = None) -> NDArray[np.float64]:
         """Return x, y, z in the map's CRS, m, of latitude, longitude (degrees), height less that of the geoid."""
@@ -347,8 +363,7 @@ class GeographicFrame(_Between):
     def _plane(self) -> Any:
         from pyproj import Transformer
 
-        plane = self._crs.sub_crs_list[0] if self._crs.is_compound else self._crs
-        return Transformer.from_crs(GEOGRAPHIC, plane, always_xy=True)
+        return Transformer.from_crs(GEOGRAPHIC, plane_of(self._crs), always_xy=True)
 
     @cached_property
     def _transformer(self) -> Any:

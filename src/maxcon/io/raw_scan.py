@@ -43,6 +43,9 @@ class RawScan:
     point_times: NDArray[np.float64] | None = None
     viewpoints: Viewpoints | None = None
 
+    def __repr__(self) -> str:
+        return f"RawScan({self.name}, {len(self.points)} points, time={self.time!r})"
+
 
 class Scans(ABC):
     """Scans of one drive in order of time; each is read when asked for."""

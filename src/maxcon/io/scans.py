@@ -214,12 +214,19 @@ def _times_from_names(paths: tuple[Path, ...]) -> NDArray[np.float64]:
     return times
 
 
+class ScannerDescription(NamedTuple):
+    """What the first scans of a scanner say, in words, and as numbers: m, a second, and ratios of the points."""
+
+    words: dict[str, str]
+    facts: dict[str, Any]
+
+
 class RecordingDescription(NamedTuple):
-    """Topics and notes of a recording (none for folders of scans), and a table of words for each of its scanners."""
+    """Topics and notes of a recording (none for folders of scans), and what each of its scanners says."""
 
     topics: tuple[Topic, ...]
     notes: tuple[str, ...]
-    scanners: tuple[dict[str, str], ...]
+    scanners: tuple[ScannerDescription, ...]
 
 
 def describe(path: str | os.PathLike[str], topic: str | None = None) -> RecordingDescription:
@@ -245,7 +252,9 @@ def _reads(source: recorded.CloudSource) -> Iterator[tuple[float, Callable[[], C
     return ((cloud.stamp * 1e-9, cloud.points) for cloud in source.clouds())
 
 
-def _described(source: str, n_scans: int, reads: Iterator[tuple[float, Callable[[], CloudPoints]]]) -> dict[str, str]:
+def _described(
+    source: str, n_scans: int, reads: Iterator[tuple[float, Callable[[], CloudPoints]]]
+) -> ScannerDescription:
     """What the first scans say that can be read; of each its time, s, and what reads it."""
     clouds: list[CloudPoints] = []
     times: list[float] = []
@@ -257,30 +266,37 @@ def _described(source: str, n_scans: int, reads: Iterator[tuple[float, Callable[
         except FileError as error:
             problems.append(str(error))
     times.sort()
-    rate = f", {(len(times) - 1) / (times[-1] - times[0]):.2f} a second" if times and times[-1] > times[0] else ""
+    rate = (len(times) - 1) / (times[-1] - times[0]) if times and times[-1] > times[0] else None
     n_seen = len(clouds) + len(problems)
-    n_points, n_invalid, n_duplicates = map(sum, zip((0, 0, 0), *(cloud[3:6] for cloud in clouds), strict=True))
+    counts = [*map(sum, zip((0, 0, 0), *(cloud[3:6] for cloud in clouds), strict=True))]
+    n_points, no_returns, repeated = counts[0] / max(n_seen, 1), *(count / max(counts[0], 1) for count in counts[1:])
     rings = np.unique(np.concatenate([np.empty(0, np.int64), *(c.rings for c in clouds if c.rings is not None)]))
     words = {
-        "scans": f"{source}: {n_scans:,} scans{rate}; of the first {n_seen}:",
+        "scans": f"{source}: {n_scans:,} scans{f', {rate:.2f} a second' if rate else ''}; of the first {n_seen}:",
         "fields": (clouds[0].fields if clouds else "") or "x, y, z",
         "times": (clouds[0].times.words if clouds else "") or "the points of these files have no times",
         "rings": f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
-        "points": f"{n_points / max(n_seen, 1):,.0f} a scan; {100.0 * n_invalid / max(n_points, 1):.1f} % no returns,"
-        f" {100.0 * n_duplicates / max(n_points, 1):.1f} % come twice",
+        "points": f"{n_points:,.0f} a scan; {100.0 * no_returns:.1f} % no returns, {100.0 * repeated:.1f} % come twice",
     }
+    facts: dict[str, Any] = {
+        "source": source, "n_scans": n_scans, "rate": rate, "n_read": n_seen, "rings": rings.tolist(),
+        "points_per_scan": n_points, "no_returns": no_returns, "repeated": repeated, "problem": "".join(problems[:1]),
+        **{name: words[name] for name in ("fields", "times")},
+    }  # fmt: skip
     full = [cloud.points for cloud in clouds if len(cloud.points)]
     if full:
         points = np.concatenate(full)
         ranges = np.linalg.norm(points, axis=1)
-        median = float(np.median(ranges))
+        least, median, largest = facts["range"] = [float(of(ranges)) for of in (np.min, np.median, np.max)]
         unit = ": are these millimetres?" if median > FARTHEST_MEDIAN else ""
-        words["range"] = f"{ranges.min():.2f} to {ranges.max():.1f} m, median {median:.1f} m{unit}"
-        extents = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
-        words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"
+        words["range"] = f"{least:.2f} to {largest:.1f} m, median {median:.1f} m{unit}"
+        facts["extent"] = np.column_stack([points.min(axis=0), points.max(axis=0)]).tolist()
+        extents = zip("xyz", facts["extent"], strict=True)
+        words["extent"] = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, (low, high) in extents) + " m"
         first = ranges[: len(full[0])]
         near = full[0][(first >= 1.0) & (first <= 120.0)]
         if len(near):
-            percent = 100.0 * float(Scan(near).normals.any(axis=1).mean())
-            words["normals"] = f"{percent:.0f} % of the points of the first scan have one; 20 % are enough"
-    return words | ({"problem": problems[0]} if problems else {})
+            facts["with_normals"] = float(Scan(near).normals.any(axis=1).mean())
+            percent = f"{100.0 * facts['with_normals']:.0f} %"
+            words["normals"] = f"{percent} of the points of the first scan have one; 20 % are enough"
+    return ScannerDescription(words | ({"problem": problems[0]} if problems else {}), facts)

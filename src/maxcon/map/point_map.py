@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -76,11 +75,9 @@ class PointMap:
         self._prefetch: Callable[[Iterable[TileKey]], None] | None = None
 
     def __repr__(self) -> str:
-        keys, crs = self._sorted_keys, self.frame.crs or "no CRS"
+        keys = self._sorted_keys
         x, y = (np.ptp(keys, axis=0) + 1 if len(keys) else np.zeros(2)) * self.tile_voxels * self.cell
-        code = re.search(r'ID\["(\w+)",(\d+)\]\]\s*$', crs)
-        crs = ":".join(code.groups()) if code else crs.split('"')[1] if '"' in crs else crs
-        return f"PointMap({len(keys)} tiles, {x:.0f} x {y:.0f} m, {crs})"
+        return f"PointMap({len(keys)} tiles, {x:.0f} x {y:.0f} m, {self.frame.crs_words})"
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
         return super().__reduce_ex__(protocol) if self._made_by is None else self._made_by

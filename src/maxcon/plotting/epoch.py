@@ -55,7 +55,8 @@ def plot_epoch(
     - title: written above all.
     - reference: the pose held for true, local frame; marked, and the distance to it is stated.
 
-    At most 9 headings are drawn: the best, and others in even steps. The scene ends 45 m from the prior.
+    At most 9 headings are drawn: the best, and others in even steps. The scene ends 45 m from the prior. With a panel
+    for each it fills a figure, and takes no axes: those of the panels and of the scene are in `figure.subfigs`.
     """
     view = SearchSpaceView(accumulator, as_objective(objective))
     scene = Scene(scan, point_map, accumulator.prior, accumulator.space, estimate, reference)

@@ -195,12 +195,26 @@ SIDE = 6.6  # longer side of a map that fills a figure, inches
 @contextmanager
 def map_figure(
     path: str | os.PathLike[str] | None, window: Window, point_map: "PointMap | None", titles: tuple[str, str],
-    side: float = SIDE,
+    side: float = SIDE, axes: "Axes | None" = None, legend_columns: int = 0,
 ) -> Iterator[tuple["Figure", "Axes"]]:  # fmt: skip
-    """Yield a figure with the map of a window, its longer side about so many inches, and its axes."""
+    """Yield a figure with the map of a window, its longer side about so many inches, and its axes.
+
+    axes: the user's own to draw on instead, in the user's style; nothing is written. legend_columns: 0 for no legend.
+    """
+    if axes is not None:
+        if path is not None:
+            raise OptionError("Expected either a path or axes, got both. Give None as path, and save your own figure.")
+        draw_map(axes, point_map, window)
+        axes.set_title(titles[0], loc="left", parse_math=False)
+        yield axes.figure, axes  # type: ignore[misc]  # of a subfigure the same may be asked
+        draw_scale_bar(axes, window)
+        axes.legend()
+        return
     width, height = (side * length / max(window.size) for length in window.size)
     with saved_figure(path, max(width + 2.2, 7.4), height + 2.4, *titles) as figure:
         axes = figure.subplots()
         draw_map(axes, point_map, window)
         yield figure, axes
         draw_scale_bar(axes, window)
+        if legend_columns:
+            figure.legend(loc="outside lower left", ncols=legend_columns)

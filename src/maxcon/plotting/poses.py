@@ -14,6 +14,7 @@ from maxcon.plotting.figure import INK, MUTED, SERIES, Window, map_figure, saved
 from maxcon.scan.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # More arrows than this cover each other.
@@ -22,7 +23,7 @@ N_ARROWS = 60
 
 def plot_poses(
     path: str | os.PathLike[str] | None, poses: Trajectory, point_map: PointMap, *, prior: Trajectory | None = None,
-    title: str = "Poses on the map",
+    title: str = "Poses on the map", axes: Axes | None = None,
 ) -> Figure:  # fmt: skip
     """Draw poses on the map from above, with their headings.
 
@@ -31,11 +32,12 @@ def plot_poses(
     - point_map: drawn below, in grey.
     - prior: rough poses, likewise; drawn as a line.
     - title: written above.
+    - axes: matplotlib's, to draw on instead of a figure of its own; the figure that they are in is returned.
     """
     places = point_map.frame.to_local(poses.positions)
     window = Window.with_room(places)
     words = f"{len(poses)} poses."
-    with map_figure(path, window, point_map, (title, words)) as (figure, axes):
+    with map_figure(path, window, point_map, (title, words), axes=axes, legend_columns=2) as (figure, axes):
         if prior is not None:
             rough = point_map.frame.to_local(prior.positions)
             axes.plot(*rough[:, :2].T, color=SERIES[1], lw=1.4, zorder=3, label="prior")
@@ -46,13 +48,12 @@ def plot_poses(
             *places[::step, :2].T, np.cos(headings), np.sin(headings), color=INK, angles="xy", scale_units="xy",
             scale=18.0 / max(window.size), width=0.004, zorder=6,
         )  # fmt: skip
-        figure.legend(loc="outside lower left", ncols=2)
     return figure
 
 
 def plot_drive(
     path: str | os.PathLike[str] | None, positions: ArrayLike, errors: ArrayLike, *, point_map: PointMap | None = None,
-    title: str = "The drive from above", success: float = 0.3,
+    title: str = "The drive from above", success: float = 0.3, axes: Axes | None = None,
 ) -> Figure:  # fmt: skip
     """Draw the drive from above, each epoch in the colour of its error.
 
@@ -62,6 +63,7 @@ def plot_drive(
     - point_map: drawn below, in grey.
     - title: written above.
     - success: errors above it are drawn as failures, m.
+    - axes: as of `plot_poses`.
     """
     places, values = np.asarray(positions, np.float64), np.asarray(errors, np.float64)
     if places.ndim != 2 or not len(places) or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
@@ -72,7 +74,7 @@ def plot_drive(
     is_good, is_missing = values <= success, np.isnan(values)
     words = f"{int(is_good.sum())} of {len(values)} epochs within {success:g} m of the reference."
     window = Window.with_room(places)
-    with map_figure(path, window, point_map, (title, words)) as (figure, axes):
+    with map_figure(path, window, point_map, (title, words), axes=axes, legend_columns=3) as (figure, axes):
         axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
         colors = axes.scatter(
             places[is_good, 0], places[is_good, 1], c=values[is_good], cmap="viridis", vmin=0.0, vmax=success, s=42,
@@ -84,7 +86,6 @@ def plot_drive(
         )
         axes.plot(*places[is_missing].T, "x", ms=9, mec="black", mew=2.2, zorder=5, label="not localized")
         figure.colorbar(colors, ax=axes, label="error [m]")
-        figure.legend(loc="outside lower left", ncols=3)
     return figure
 
 

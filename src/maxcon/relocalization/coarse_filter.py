@@ -140,10 +140,9 @@ class CountedCells:
                 left_out = max(left_out, float(self.counts[number] / self.counts[0]))
                 break
             kept.append(number)
-            others = poses[number:]
-            away = np.hypot(others[:, 0] - others[0, 0], others[:, 1] - others[0, 1])
-            turns = np.abs(wrap_angle(others[:, 2] - others[0, 2]))
-            is_left[number:] &= (away > same) | (turns > same_turn)
+            x, y, heading = poses[number]
+            near = number + np.flatnonzero(np.hypot(poses[number:, 0] - x, poses[number:, 1] - y) <= same)
+            is_left[near[np.abs(wrap_angle(poses[near, 2] - heading)) <= same_turn]] = False
         return replace(self, cells=self.cells[kept], counts=self.counts[kept], left_out=left_out)
 
 

@@ -112,6 +112,9 @@ class Accumulator:
     space: SearchSpace
     prior: Pose
 
+    def __repr__(self) -> str:
+        return f"Accumulator({' x '.join(map(str, self.space.shape))} cells around {self.prior})"
+
     def __post_init__(self) -> None:
         expected = (*self.space.shape, 4)
         if self.moments.shape != expected:

@@ -41,7 +41,7 @@ def test_the_points_and_times_of_the_turns(capture, turns):
         assert raw.point_times.min() == pytest.approx(-0.0497, abs=1e-4)
     found = describe(capture)
     assert [(topic.name, topic.n_messages) for topic in found.topics] == [("port 2368", 4 * 76)]
-    assert ": 4 scans, " in found.scanners[0]["scans"]
+    assert ": 4 scans, " in found.scanners[0].words["scans"]
 
 
 def test_any_turn_is_decoded_from_its_own_packets(capture, monkeypatch):

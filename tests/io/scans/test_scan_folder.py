@@ -154,7 +154,7 @@ def test_three_floats_are_told_from_four(tmp_path):
         rows[:, 3] = reflectance
         assert_widths_are_told(rows, tmp_path / "1.bin")
     rows[:, :3].tofile(tmp_path / "1.bin")
-    assert describe(tmp_path / "1.bin").scanners[0]["fields"] == "x float32, y float32, z float32"
+    assert describe(tmp_path / "1.bin").scanners[0].words["fields"] == "x float32, y float32, z float32"
     for n in (1, 3, 6, 30, 300):  # of few points, or where columns do not differ, the size decides
         same = rng.uniform(-9, 9, (n, 4)).astype("<f4")
         same.tofile(tmp_path / "1.bin")
