@@ -144,6 +144,8 @@ FAULTS = {
     "not deskewed at 15 m/s": Fault(not_deskewed(15.0)),
     "not deskewed at 30 m/s": Fault(not_deskewed(30.0)),
     "turning 20 degrees/s": Fault(not_deskewed(0.0, 20.0)),
+    "10 m/s, turning 30 degrees/s": Fault(not_deskewed(10.0, 30.0)),
+    "8 m/s, turning -25 degrees/s": Fault(not_deskewed(8.0, -25.0)),
     "scale +1 %": Fault(lambda points, rng: 1.01 * points),
     "scale -2 %": Fault(lambda points, rng: 0.98 * points),
     "range +0.2 m": Fault(lambda points, rng: lengthened(points, 0.2)),

@@ -62,6 +62,32 @@ def test_each_pattern_is_noticed_and_the_pose_is_that_of_the_scan_without_it(see
         assert off(found.refined.pose) < 0.05
 
 
+@pytest.mark.parametrize(("stretch", "twist"), [(1.0, 0.04), (-1.2, 0.04)])
+def test_a_scan_taken_in_a_bend_is_stretched_and_twisted_and_both_are_corrected(stretch, twist):
+    point_map, scan = town(1)
+    found = fitted(distorted(distorted(scan, STRETCHED, stretch), TWISTED, twist), point_map)
+    assert found.misfit < 1.0
+    assert off(found.refined.pose) < 0.05
+    assert abs(found.refined.pose.heading - TRUTH.heading) < math.radians(0.1)
+    assert all(word in found.words for word in ("stretched", "twisted"))
+
+
+@pytest.mark.parametrize("pattern", [STRETCHED, STRETCHED_AHEAD, TWISTED])
+def test_a_turn_that_begins_on_the_other_side_is_tried_where_it_moves_one_side_of_the_scan_alike(pattern):
+    point_map, scan = town(1)
+    size, points = 0.02, scan.points
+    refined = refine(scan, point_map, TRUTH)
+    found = patterns.Corrected(pattern, size, scan, refined, gain=0.1, significance=9.0)
+    here = refined.pose.apply(points - size * pattern.direction(points))
+    sides = []
+    for other, same_size, move in patterns._of_other_side(found):
+        assert other is not pattern and same_size == size
+        there = Pose(*(refined.pose.values + move).tolist()).apply(points - size * other.direction(points))
+        is_alike = np.abs(here - there).max(axis=1) < 0.002
+        sides.append([bool(is_alike[side].all()) for side in (points[:, 1] > 0.0, points[:, 1] < 0.0)])
+    assert sorted(sides) == [[False, True], [True, False]]
+
+
 @pytest.mark.parametrize(
     ("pattern", "size", "words"),
     [

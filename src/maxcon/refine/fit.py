@@ -43,6 +43,8 @@ LEVEL = 0.5
 UNKNOWN, COVERED = 2.0, 0.25
 """The misfit where a scan is explained in no way, or in two from two places; within this distance, m, the covariance
 covers both of them."""
+MOST_PATTERNS = 2
+"""So many patterns are corrected, one after the other: a vehicle in a bend moves ahead and turns."""
 UNMODELLED = 0.33
 """This ratio of the shift that a pattern causes is left as an error: motion is not as even as the pattern."""
 
@@ -69,23 +71,28 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
     sample: the scan's, of which the pose was refined; table: the voxels around it.
     """
     partners, errors, doubts = Partners.of(refined, point_map, table), np.zeros((6, 6)), []
-    explanation = explain(refined, partners, sample, point_map, table)
-    best = explanation.corrected
-    if best is not None:
-        is_corrected, shift = best.pattern.is_of_scan, best.refined.pose.less(refined.pose)
-        words = best.words(" (corrected)" if is_corrected else "")
-        doubts = [(abs(best.size) / best.pattern.largest, f"the scan {words}")]
-        if is_corrected:
-            refined, partners = best.refined, Partners.of(best.refined, point_map, table)
-        errors = np.outer(shift, shift) * (UNMODELLED**2 if is_corrected else 1.0)
-    for rival in explanation.rivals:
-        shift = rival.refined.pose.less(refined.pose)
-        if np.hypot(*shift[:2]) > COVERED:
-            doubts.append((UNKNOWN, f"it may as well be that, seen from another place, the scan {rival.words()}"))
+    for _ in range(MOST_PATTERNS):
+        explanation = explain(refined, partners, sample, point_map, table)
+        best = explanation.corrected
+        is_corrected = best is not None and best.pattern.is_of_scan
+        if best is not None:
+            shift = best.refined.pose.less(refined.pose)
+            words = best.words(" (corrected)" if is_corrected else "")
+            doubts.append((abs(best.size) / best.pattern.largest, f"the scan {words}"))
+            if is_corrected:
+                refined, sample = best.refined, best.scan
+                partners = Partners.of(refined, point_map, table)
+            errors += np.outer(shift, shift) * (UNMODELLED**2 if is_corrected else 1.0)
+        for rival in explanation.rivals:
+            shift = rival.refined.pose.less(refined.pose)
+            if np.hypot(*shift[:2]) > COVERED:
+                doubts.append((UNKNOWN, f"it may as well be that, seen from another place, the scan {rival.words()}"))
+                break
+            errors += np.outer(shift, shift)
+        if explanation.unexplained is not None:
+            doubts.append((UNKNOWN, f"residuals stay unexplained where the scan {explanation.unexplained.words()}"))
+        if not is_corrected:
             break
-        errors += np.outer(shift, shift)
-    if explanation.unexplained is not None:
-        doubts.append((UNKNOWN, f"residuals stay unexplained where the scan {explanation.unexplained.words()}"))
     doubts += [
         *_patches_beside(partners, point_map.cell), *_displaced_sides(partners, point_map, table),
         *_loose(refined, point_map),

@@ -32,6 +32,8 @@ more weight than this, as a ratio."""
 RIVALLING, APART = 0.5, 0.1
 """Another pattern rivals it if it gains more than `RIVALLING` times that, less `LEAST_GAIN`, at a pose that lies more
 than `APART` away, m."""
+RIVALLING_SIDE = 0.75
+"""The ratio for the same pattern of a turn that begins on the other side, which is alike."""
 LARGE, INSECURE_GAIN = 5.0, 0.06
 """A pattern of so many times its notable size that a scan does not have is left unexplained; so is the one with the
 largest gain if that exceeds this, and its size is not significant."""
@@ -67,7 +69,8 @@ class Pattern:
     words: with its size, in `unit`s, after "the scan ..."; remedy: what to do.
     direction: how a unit of it moves each point, shape (n, 3), sensor frame (x forward).
     notable, largest: sizes from which it is named, and from which the answer is not trusted.
-    is_of_turn: whether it arises while a scanner turns, and so only in scans that look all around.
+    moves: of a pattern that arises while a scanner turns, and so only in scans that look all around, the move of the
+        pose, (3,), m ahead, m to the left and rad, that a whole turn amounts to.
     is_of_scan: whether the scan must be what is off; where the map may be, too, nothing tells which of the two.
     """
 
@@ -77,7 +80,7 @@ class Pattern:
     notable: float
     largest: float
     unit: float = 1.0
-    is_of_turn: bool = False
+    moves: tuple[float, float, float] | None = None
     is_of_scan: bool = True
 
 
@@ -90,19 +93,19 @@ PATTERNS = (
     ),
     Pattern(
         "looks stretched along the way by {:+.1f} m a turn", DESKEW,
-        lambda p: _phase(p, 1.0) * _along(p, 0), 0.18, 3.0, is_of_turn=True,
+        lambda p: _phase(p, 1.0) * _along(p, 0), 0.18, 3.0, moves=(1.0, 0.0, 0.0),
     ),
     Pattern(
         "looks stretched along the way by {:+.1f} m a turn that begins ahead", DESKEW,
-        lambda p: _phase(p, -1.0) * _along(p, 0), 0.18, 3.0, is_of_turn=True,
+        lambda p: _phase(p, -1.0) * _along(p, 0), 0.18, 3.0, moves=(1.0, 0.0, 0.0),
     ),
     Pattern(
         "looks twisted by {:+.1f} degrees a turn", DESKEW,
-        lambda p: _phase(p, 1.0) * _turning(p), 0.008, 0.08, math.pi / 180.0, is_of_turn=True,
+        lambda p: _phase(p, 1.0) * _turning(p), 0.008, 0.08, math.pi / 180.0, moves=(0.0, 0.0, 1.0),
     ),
     Pattern(
         "looks twisted by {:+.1f} degrees a turn that begins ahead", DESKEW,
-        lambda p: _phase(p, -1.0) * _turning(p), 0.008, 0.08, math.pi / 180.0, is_of_turn=True,
+        lambda p: _phase(p, -1.0) * _turning(p), 0.008, 0.08, math.pi / 180.0, moves=(0.0, 0.0, 1.0),
     ),
     Pattern(
         "has what is to the left {:+.2f} m farther out than the map, beside what is to the right", "",
@@ -209,12 +212,12 @@ def explain(refined: Refined, partners: Partners, sample: Scan, point_map: Point
     some, weight = Scan(sample.points[::step], sample.normals[::step]), float(refined.weights[::step].sum())
     suspected = _suspected(partners, sample, refined.start_weights)
     tried = [_without(*each, refined, weight, some, point_map, table) for each in suspected]
+    best = _strongest(tried)
+    if best is not None:
+        tried += [_without(*each, best.refined, weight, some, point_map, table) for each in _of_other_side(best)]
+        best = _strongest(tried)
     tried.sort(key=lambda each: -each.gain)
-    best = next(filter(_is_there, tried), None)
-    gain, place = (0.0, refined.pose) if best is None else (best.gain, best.refined.pose)
-    rivals = [
-        each for each in tried if each.gain > RIVALLING * gain - LEAST_GAIN and _apart(each.refined.pose, place) > APART
-    ]
+    rivals = _rivals(tried, best, refined.pose)
     if best is None:
         unexplained = [each for each in tried if abs(each.size) > LARGE * each.pattern.notable]
     else:
@@ -222,6 +225,42 @@ def explain(refined: Refined, partners: Partners, sample: Scan, point_map: Point
         best, unexplained = replace(whole, gain=best.gain), []
     unexplained += [each for each in tried[:1] if each.gain > INSECURE_GAIN and each.significance < SIGNIFICANT]
     return Explanation(best, rivals, unexplained[0] if unexplained else None)
+
+
+def _strongest(tried: Sequence[Corrected]) -> Corrected | None:
+    """The pattern of the largest gain among those that the scan has."""
+
+    def is_there(each: Corrected) -> bool:
+        is_significant = each.significance > SIGNIFICANT and abs(each.size) > each.pattern.notable
+        return is_significant and each.gain > LEAST_GAIN
+
+    return max(filter(is_there, tried), key=lambda each: each.gain, default=None)
+
+
+def _rivals(tried: Sequence[Corrected], best: Corrected | None, place: Pose) -> list[Corrected]:
+    """Patterns that explain the scan about as well as the best one, or as none at a place, from elsewhere."""
+
+    def is_as_good(each: Corrected) -> bool:
+        if best is None:
+            return each.gain > -LEAST_GAIN
+        is_of_turn = best.pattern.moves is not None and each.pattern.moves == best.pattern.moves
+        return each.gain > (RIVALLING_SIDE * best.gain if is_of_turn else RIVALLING * best.gain - LEAST_GAIN)
+
+    here = place if best is None else best.refined.pose
+    return [each for each in tried if is_as_good(each) and _apart(each.refined.pose, here) > APART]
+
+
+def _of_other_side(found: Corrected) -> list[tuple[Pattern, float, NDArray[np.float64]]]:
+    """The same pattern, of a turn that begins on the other side: it moves all points of one side of the scan alike.
+
+    Its size is the same, and the pose lies half of it away, (6,), either way.
+    """
+    if found.pattern.moves is None:
+        return []
+    others = [each for each in PATTERNS if each.moves == found.pattern.moves and each is not found.pattern]
+    ahead, left, turn = 0.5 * found.size * np.array(found.pattern.moves)
+    x, y, _ = found.refined.pose.rotation @ [ahead, left, 0.0]
+    return [(each, found.size, side * np.array([x, y, 0.0, 0.0, 0.0, turn])) for each in others for side in (1.0, -1.0)]
 
 
 def _apart(one: Pose, other: Pose) -> float:
@@ -233,7 +272,7 @@ def _suspected(
 ) -> list[tuple[Pattern, float, NDArray[np.float64]]]:
     """Patterns that the scan may have, their sizes by one step, and how the pose moves, (6,)."""
     looks_around = len(np.unique(np.floor(SECTORS * _phase(sample.points[::8], 1.0)))) >= FEWEST_SECTORS
-    patterns = [each for each in PATTERNS if looks_around or not each.is_of_turn]
+    patterns = [each for each in PATTERNS if looks_around or each.moves is None]
     if np.count_nonzero(partners.patches >= 0) < PATCH_POINTS * len(patterns):
         return []
     sizes, sigmas, moves = _sizes(partners, patterns, start_weights)
@@ -241,10 +280,6 @@ def _suspected(
     is_suspect = is_notable & (np.abs(sizes) > SIGNIFICANT * sigmas)
     is_suspect &= sigmas < [0.5 * each.largest for each in patterns]  # otherwise the scan cannot tell
     return [(patterns[k], float(sizes[k]), moves[:, k]) for k in np.flatnonzero(is_suspect)]
-
-
-def _is_there(tried: Corrected) -> bool:
-    return tried.gain > LEAST_GAIN and tried.significance > SIGNIFICANT and abs(tried.size) > tried.pattern.notable
 
 
 def _sizes(
