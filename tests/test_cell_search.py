@@ -137,34 +137,28 @@ def test_only_a_higher_score_beyond_the_last_heading_is_the_boundary(monkeypatch
     assert (prior.x, prior.y, prior.z) == (PRIOR.x, PRIOR.y, PRIOR.z)
 
 
-@pytest.mark.parametrize(
-    ("cell", "told", "status"),
-    [
-        *(((heading, 5, 5), None, Status.LOCALIZED) for heading in (1, 2, 3)),
-        ((2, 0, 5), None, Status.AT_RIM),
-        ((2, 5, 9), None, Status.AT_RIM),
-        ((2, 0, 5), False, Status.LOCALIZED),
-        (MIDDLE, True, Status.AT_RIM),
-        ((0, 5, 5), False, Status.LOCALIZED),
-    ],
-)
+@pytest.mark.parametrize(("cell", "told", "status"), [
+    *(((heading, 5, 5), None, Status.LOCALIZED) for heading in (1, 2, 3)),
+    ((2, 0, 5), None, Status.AT_RIM),
+    ((2, 5, 9), None, Status.AT_RIM),
+    ((2, 0, 5), False, Status.LOCALIZED),
+    (MIDDLE, True, Status.AT_RIM),
+    ((0, 5, 5), False, Status.LOCALIZED),
+])  # fmt: skip
 def test_whoever_looked_beyond_tells_the_boundary_and_otherwise_the_cell_does(cell, told, status):
     objective = Constant(5.0)
     assert judged(best_cell(cell, is_at_boundary=told), objective=objective).status is status
     assert objective.shapes == []
 
 
-@pytest.mark.parametrize(
-    ("offset", "turn_deg", "space", "is_beyond"),
-    [
-        (11.88, 0.0, SearchSpace(12.0), False), (11.94, 0.0, SearchSpace(12.0), True),
-        (-11.94, 0.0, SearchSpace(12.0), False), (-12.0, 0.0, SearchSpace(12.0), True),
-        (-12.3, 0.0, SearchSpace(12.0), True), (0.0, 10.24, SearchSpace(12.0), False),
-        (0.0, -10.26, SearchSpace(12.0), True), (0.0, 349.76, SearchSpace(12.0), False),
-        (0.03, 0.0, SearchSpace(0.0), False), (0.3, 0.0, SearchSpace(0.3), True),
-        (-CELL, 0.0, SearchSpace(CELL), False), (CELL, 0.0, SearchSpace(CELL), True),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("offset", "turn_deg", "space", "is_beyond"), [
+    (11.88, 0.0, SearchSpace(12.0), False), (11.94, 0.0, SearchSpace(12.0), True),
+    (-11.94, 0.0, SearchSpace(12.0), False), (-12.0, 0.0, SearchSpace(12.0), True),
+    (-12.3, 0.0, SearchSpace(12.0), True), (0.0, 10.24, SearchSpace(12.0), False),
+    (0.0, -10.26, SearchSpace(12.0), True), (0.0, 349.76, SearchSpace(12.0), False),
+    (0.03, 0.0, SearchSpace(0.0), False), (0.3, 0.0, SearchSpace(0.3), True),
+    (-CELL, 0.0, SearchSpace(CELL), False), (CELL, 0.0, SearchSpace(CELL), True),
+])  # fmt: skip
 def test_the_boundary_is_the_outermost_cell_or_half_a_step_beyond_the_last_heading(offset, turn_deg, space, is_beyond):
     for at in (0.0, 0.1, 50.0, -1234.56):  # rounding decides nothing
         prior = replace(HERE, x=at, y=-at, heading=2.0)

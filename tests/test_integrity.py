@@ -84,20 +84,17 @@ def test_walls_that_are_missing_are_told(corner, point_map):
     assert MaximumConsensus(SPACE, refinement=False).localize(scan, point_map, HERE).is_localized
 
 
-@pytest.mark.parametrize(
-    ("evidence", "status"),
-    [
-        ({}, Status.LOCALIZED),
-        ({"is_determined": False}, Status.UNDETERMINED),
-        ({"is_determined": False, "share": 0.0, "is_at_boundary": True, "runner_up": 1.0}, Status.UNDETERMINED),
-        ({"share": 0.05}, Status.LOCALIZED),
-        ({"share": 0.049}, Status.FEW_MATCHES),
-        ({"share": 0.049, "is_at_boundary": True, "runner_up": 1.0}, Status.FEW_MATCHES),
-        ({"is_at_boundary": True, "runner_up": 1.0}, Status.AT_RIM),
-        ({"runner_up": 0.8}, Status.LOCALIZED),
-        ({"runner_up": 0.801}, Status.AMBIGUOUS),
-    ],
-)
+@pytest.mark.parametrize(("evidence", "status"), [
+    ({}, Status.LOCALIZED),
+    ({"is_determined": False}, Status.UNDETERMINED),
+    ({"is_determined": False, "share": 0.0, "is_at_boundary": True, "runner_up": 1.0}, Status.UNDETERMINED),
+    ({"share": 0.05}, Status.LOCALIZED),
+    ({"share": 0.049}, Status.FEW_MATCHES),
+    ({"share": 0.049, "is_at_boundary": True, "runner_up": 1.0}, Status.FEW_MATCHES),
+    ({"is_at_boundary": True, "runner_up": 1.0}, Status.AT_RIM),
+    ({"runner_up": 0.8}, Status.LOCALIZED),
+    ({"runner_up": 0.801}, Status.AMBIGUOUS),
+])  # fmt: skip
 def test_what_a_best_cell_is_judged_by(evidence, status):
     good = {"is_determined": True, "share": 0.5, "is_at_boundary": False, "runner_up": 0.5}
     assert Trust().status_of_cell(**{**good, **evidence}) is status
@@ -105,17 +102,14 @@ def test_what_a_best_cell_is_judged_by(evidence, status):
     assert (Trust(largest_runner_up=limit).status_of_cell(**{**good, "runner_up": limit})) is Status.LOCALIZED
 
 
-@pytest.mark.parametrize(
-    ("evidence", "status"),
-    [
-        ({}, Status.LOCALIZED), ({"n_planes": 50}, Status.LOCALIZED), ({"moved": 0.25}, Status.LOCALIZED),
-        ({"wall_share": 0.05}, Status.LOCALIZED), ({"wall_share": 0.02, "is_confirmed": True}, Status.LOCALIZED),
-        ({"n_planes": 49}, Status.NOT_CONFIRMED), ({"moved": 0.26}, Status.NOT_CONFIRMED),
-        ({"wall_share": 0.049}, Status.WALLS_MISSING), ({"wall_share": 0.021, "is_confirmed": True}, Status.LOCALIZED),
-        ({"wall_share": 0.019, "is_confirmed": True}, Status.WALLS_MISSING),
-        ({"wall_share": None}, Status.WALLS_MISSING), ({"wall_share": None, "is_confirmed": True}, Status.LOCALIZED),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("evidence", "status"), [
+    ({}, Status.LOCALIZED), ({"n_planes": 50}, Status.LOCALIZED), ({"moved": 0.25}, Status.LOCALIZED),
+    ({"wall_share": 0.05}, Status.LOCALIZED), ({"wall_share": 0.02, "is_confirmed": True}, Status.LOCALIZED),
+    ({"n_planes": 49}, Status.NOT_CONFIRMED), ({"moved": 0.26}, Status.NOT_CONFIRMED),
+    ({"wall_share": 0.049}, Status.WALLS_MISSING), ({"wall_share": 0.021, "is_confirmed": True}, Status.LOCALIZED),
+    ({"wall_share": 0.019, "is_confirmed": True}, Status.WALLS_MISSING),
+    ({"wall_share": None}, Status.WALLS_MISSING), ({"wall_share": None, "is_confirmed": True}, Status.LOCALIZED),
+])  # fmt: skip
 def test_what_a_refined_pose_is_judged_by(evidence, status):
     good = {"n_planes": 500, "moved": 0.05, "wall_share": 0.5, "is_confirmed": False}
     assert Trust().status_of_pose(**{**good, **evidence}) is status
@@ -131,20 +125,17 @@ def test_the_protection_level_is_along_and_across_the_heading_and_of_two_directi
     assert integrity.protection_level(covariance, 0.0, 0.005) == (math.inf, math.inf)
 
 
-@pytest.mark.parametrize(
-    ("best", "others", "guard_radius", "highest"),
-    [  # cells of 0.125 m
-        ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.5, 3.0),  # next to it: its slope
-        ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.7, 2.0),
-        ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 5.0, 0.0),
-        ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.5, 2.0),  # 0.5 m away, not farther; and 0.625 m
-        ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.49, 3.0),
-        ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 3, 12), 3.0), ((1, 9, 3), 2.0)], 0.4, 3.0),  # rows are not columns
-        ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.4, 1.0),
-        ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.3, 2.0),
-        ((1, 8, 8), [((1, 0, 0), 3.0), ((1, 15, 15), 2.0)], 0.5, 3.0),  # at the corner of the space
-    ],
-)
+@pytest.mark.parametrize(("best", "others", "guard_radius", "highest"), [  # cells of 0.125 m
+    ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.5, 3.0),  # next to it: its slope
+    ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.7, 2.0),
+    ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 5.0, 0.0),
+    ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.5, 2.0),  # 0.5 m away, not farther; and 0.625 m
+    ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.49, 3.0),
+    ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 3, 12), 3.0), ((1, 9, 3), 2.0)], 0.4, 3.0),  # rows are not columns
+    ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.4, 1.0),
+    ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.3, 2.0),
+    ((1, 8, 8), [((1, 0, 0), 3.0), ((1, 15, 15), 2.0)], 0.5, 3.0),  # at the corner of the space
+])  # fmt: skip
 def test_the_second_best_lies_beyond_the_guard_radius_and_not_on_it(best, others, guard_radius, highest):
     space = SearchSpace(1.0, 0.125, 0.5)
     scores = np.zeros(space.shape)
@@ -205,20 +196,17 @@ def with_normals(n, n_horizontal, n_upright):
     return Scan(np.arange(n)[:, None] * [1.0, 0.0, 0.0] + 1.0, normals)  # so far apart that the sample holds all
 
 
-@pytest.mark.parametrize(
-    ("scan", "words"),
-    [
-        ((499, 400, 0), "only 499 points"),
-        ((500, 400, 0), None),
-        ((1000, 30, 70), None),  # 10 % with a normal, 3 % a horizontal one
-        ((1000, 30, 69), "normals on 10 % of the points, horizontal ones on 3.0 %"),
-        ((1000, 29, 71), "normals on 10 % of the points, horizontal ones on 2.9 %"),
-        ((1000, 0, 900), "normals on 90 % of the points, none horizontal"),
-        ((1000, 1, 500), "horizontal ones on 0.1 %"),
-        ((1000, 95, 0), "horizontal ones on 9.5 %"),
-        ((1000, 0, 0), "normals on 0 % of the points, none horizontal"),
-    ],
-)
+@pytest.mark.parametrize(("scan", "words"), [
+    ((499, 400, 0), "only 499 points"),
+    ((500, 400, 0), None),
+    ((1000, 30, 70), None),  # 10 % with a normal, 3 % a horizontal one
+    ((1000, 30, 69), "normals on 10 % of the points, horizontal ones on 3.0 %"),
+    ((1000, 29, 71), "normals on 10 % of the points, horizontal ones on 2.9 %"),
+    ((1000, 0, 900), "normals on 90 % of the points, none horizontal"),
+    ((1000, 1, 500), "horizontal ones on 0.1 %"),
+    ((1000, 95, 0), "horizontal ones on 9.5 %"),
+    ((1000, 0, 0), "normals on 0 % of the points, none horizontal"),
+])  # fmt: skip
 def test_scans_that_are_just_ordinary_and_just_not(scan, words):
     reasons = integrity.reasons_to_doubt_scan(with_normals(*scan), HERE)
     assert len(reasons) == (words is not None)
@@ -262,16 +250,13 @@ def test_a_scan_without_normals_says_so_beside_its_answer(corner, point_map, sea
 # --- where trust ends ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("least", "most", "is_determined"),
-    [
-        (1.0, 10.0, True),  # a match in full, in the least determined direction
-        (0.999, 10.0, False),
-        (1.001, 1.0 / integrity.LEAST_EIGENVALUE_RATIO, True),
-        (4.001 * integrity.LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, True),  # walls whose normals are 3 degrees off
-        (3.999 * integrity.LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, False),
-    ],
-)
+@pytest.mark.parametrize(("least", "most", "is_determined"), [
+    (1.0, 10.0, True),  # a match in full, in the least determined direction
+    (0.999, 10.0, False),
+    (1.001, 1.0 / integrity.LEAST_EIGENVALUE_RATIO, True),
+    (4.001 * integrity.LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, True),  # walls whose normals are 3 degrees off
+    (3.999 * integrity.LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, False),
+])  # fmt: skip
 def test_what_determines_a_position(least, most, is_determined):
     found, cofactor = integrity.invert(np.diag([most, least]))
     assert found is is_determined

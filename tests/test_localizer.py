@@ -176,17 +176,14 @@ def test_an_answer_in_doubt_is_searched_for_again_twice_as_wide(dense):
     assert lost.reason.endswith("searched for up to 5 m around")
 
 
-@pytest.mark.parametrize(
-    ("half_width", "turn_deg", "wider", "widest", "wanted"),
-    [
-        (3.0, 2.0, 12.0, 0.0, [(12.0, 4.0)]),
-        (3.0, 2.0, 0.0, 24.0, []),
-        (1.0, 1.0, 12.0, 24.0, [(12.0, 10.0), (24.0, 20.0)]),
-        (1.0, 1.0, 5.0, 24.0, [(5.0, 10.0), (10.0, 20.0), (20.0, 20.0), (24.0, 20.0)]),
-        (18.0, 30.0, 12.0, 24.0, [(18.0, 30.0), (24.0, 30.0)]),
-        (24.0, 10.0, 12.0, 24.0, [(24.0, 20.0)]),
-    ],
-)
+@pytest.mark.parametrize(("half_width", "turn_deg", "wider", "widest", "wanted"), [
+    (3.0, 2.0, 12.0, 0.0, [(12.0, 4.0)]),
+    (3.0, 2.0, 0.0, 24.0, []),
+    (1.0, 1.0, 12.0, 24.0, [(12.0, 10.0), (24.0, 20.0)]),
+    (1.0, 1.0, 5.0, 24.0, [(5.0, 10.0), (10.0, 20.0), (20.0, 20.0), (24.0, 20.0)]),
+    (18.0, 30.0, 12.0, 24.0, [(18.0, 30.0), (24.0, 30.0)]),
+    (24.0, 10.0, 12.0, 24.0, [(24.0, 20.0)]),
+])  # fmt: skip
 def test_wider_spaces_double_until_the_widest(half_width, turn_deg, wider, widest, wanted):
     method = MaximumConsensus(SearchSpace(half_width, heading_half_width_deg=turn_deg), wider=wider, widest=widest)
     spaces = list(method._wider_spaces())
@@ -232,17 +229,14 @@ def test_an_objective_of_ones_own_needs_no_registration(scan, point_map):
 # --- what is refused ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"multiplicity": "both"}, "Expected `multiplicity` to be 'occupied' or 'points', got 'both'"),
-        ({"search": "bbs"}, "Expected `search` to be 'exhaustive' or 'branch-and-bound', got 'bbs'"),
-        ({"thinning": -1.0}, "`thinning` to be an edge >= 0 m, got -1.0"),
-        ({"wider": math.nan}, "`wider` to be a half width >= 0 m, got nan"),
-        ({"widest": -1.0}, "`widest` to be a half width >= 0 m, got -1.0"),
-        ({"risk": 0.0}, "`risk` above 0 and below 1, got 0.0"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ({"multiplicity": "both"}, "Expected `multiplicity` to be 'occupied' or 'points', got 'both'"),
+    ({"search": "bbs"}, "Expected `search` to be 'exhaustive' or 'branch-and-bound', got 'bbs'"),
+    ({"thinning": -1.0}, "`thinning` to be an edge >= 0 m, got -1.0"),
+    ({"wider": math.nan}, "`wider` to be a half width >= 0 m, got nan"),
+    ({"widest": -1.0}, "`widest` to be a half width >= 0 m, got -1.0"),
+    ({"risk": 0.0}, "`risk` above 0 and below 1, got 0.0"),
+])  # fmt: skip
 def test_options_that_are_refused(options, words):
     with pytest.raises(OptionError, match=words):
         MaximumConsensus(**options)
@@ -264,14 +258,11 @@ def test_a_scan_takes_lists_and_estimates_normals_if_it_has_none():
     assert Scan([[1.0, 2.0, 3.0]]).normals.tolist() == [[0.0, 0.0, 0.0]]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((np.zeros((2, 3)), np.zeros((1, 3))), "`normals` to have one row per point, 2, got 1"),
-        ((np.zeros((1, 3)), [[1.0, 1.0, 0.0]]), r"unit normals in `normals` .*got length 1\.41 in row 0\. Divide"),
-        ((np.zeros((1, 3)), None, math.nan), "finite `time` of the scan, got nan"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    ((np.zeros((2, 3)), np.zeros((1, 3))), "`normals` to have one row per point, 2, got 1"),
+    ((np.zeros((1, 3)), [[1.0, 1.0, 0.0]]), r"unit normals in `normals` .*got length 1\.41 in row 0\. Divide"),
+    ((np.zeros((1, 3)), None, math.nan), "finite `time` of the scan, got nan"),
+])  # fmt: skip
 def test_scans_that_are_refused(arguments, words):
     with pytest.raises(ArrayError, match=words):
         Scan(*arguments)

@@ -107,15 +107,12 @@ def read_times(path):
     open_scans(path.parent / "scans", path)
 
 
-@pytest.mark.parametrize(
-    ("read", "suffix"),
-    [
-        *((open_cloud, suffix) for suffix in CLOUD_SUFFIXES),
-        *((read_scan, suffix) for suffix in SCAN_SUFFIXES),
-        (read_nmea, ".nmea"),
-        *((read, suffix) for read in (read_prior, read_trajectory, read_times) for suffix in (".txt", ".tum", ".csv")),
-    ],
-)
+@pytest.mark.parametrize(("read", "suffix"), [
+    *((open_cloud, suffix) for suffix in CLOUD_SUFFIXES),
+    *((read_scan, suffix) for suffix in SCAN_SUFFIXES),
+    (read_nmea, ".nmea"),
+    *((read, suffix) for read in (read_prior, read_trajectory, read_times) for suffix in (".txt", ".tum", ".csv")),
+])  # fmt: skip
 @pytest.mark.parametrize(
     ("make", "words"),
     [(os.mkfifo, "a FIFO"), (Path.mkdir, "is a directory|scans of one kind"), (lambda path: None, "no such file")],

@@ -40,15 +40,12 @@ def assert_close(drive, tmp_path):
 # --- options of the search ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        "--objective max-eigenvalue --threads 2",
-        "--half-width 2.7 --heading-half-width-deg 3 --heading-step-deg 1 --min-range 3 --max-range 60",
-        "--half-width 0.12",  # too small: searched wider
-        "--height-half-width 0.6 --weighting one --thinning 0.5 --no-refinement",
-    ],
-)
+@pytest.mark.parametrize("options", [
+    "--objective max-eigenvalue --threads 2",
+    "--half-width 2.7 --heading-half-width-deg 3 --heading-step-deg 1 --min-range 3 --max-range 60",
+    "--half-width 0.12",  # too small: searched wider
+    "--height-half-width 0.6 --weighting one --thinning 0.5 --no-refinement",
+])  # fmt: skip
 def test_options_of_the_search(localize, assert_close, options):
     ended = localize(*options.split())
     assert (ended.code, ended.err) == (0, ""), ended
@@ -146,14 +143,11 @@ def test_windows_from_sigmas_that_are_too_small_grow(localize, known_prior, asse
     assert_close()
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--half-width 3", "the prior's covariances are not used: --half-width"),
-        ("--track", "the prior's covariances are not used: --track"),
-        ("--sigma-position 1 --sigma-heading-deg 0.7", "windows from --sigma-position: half width 3.0 m, 2.1 degrees"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("--half-width 3", "the prior's covariances are not used: --half-width"),
+    ("--track", "the prior's covariances are not used: --track"),
+    ("--sigma-position 1 --sigma-heading-deg 0.7", "windows from --sigma-position: half width 3.0 m, 2.1 degrees"),
+])  # fmt: skip
 def test_what_is_given_is_used_instead_of_the_priors_covariances(localize, known_prior, options, words):
     assert f"{words}\n" in localize(*options.split(), prior=known_prior([1.0] * 4)).out
 
@@ -215,13 +209,10 @@ def test_one_senseless_row_is_a_row_with_its_status(localize, prior_rows, tmp_pa
     assert (again.code, again.err) == (1, "") and "all 4 epochs were in" in again.out
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--min-range 119.99", r"\nleft out: .* out of range\n4 no points: The scan has no point within the range"),
-        ("--half-width 0.12 --heading-half-width-deg 0 --wider 0", "are searched|(at the|few|undetermined|ambiguous)"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("--min-range 119.99", r"\nleft out: .* out of range\n4 no points: The scan has no point within the range"),
+    ("--half-width 0.12 --heading-half-width-deg 0 --wider 0", "are searched|(at the|few|undetermined|ambiguous)"),
+])  # fmt: skip
 def test_no_epoch_localized_writes_a_table_and_no_trajectory(localize, tmp_path, options, words):
     ended = localize(*options.split(), "--tum", tmp_path / "found.tum")
     assert (ended.code, ended.err) == (1, "")
@@ -271,15 +262,12 @@ def test_one_scan_by_a_place_and_a_heading(localize, drive, tmp_path):
     assert abs(float(found["z"]) - true.z) < 0.2
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--at 1,2", ("Expected --at X,Y,HEADING_DEG,", "'1,2'", "--at 549980,5801820,90")),
-        ("--at 1,2,north", ("--at X,Y,HEADING_DEG",)),
-        ("--at 1,2,3", ("one scan with --at, got 4",)),
-        ("--at 1,2,3 --geoid-height 40", ("either --at or --geoid-height",)),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("--at 1,2", ("Expected --at X,Y,HEADING_DEG,", "'1,2'", "--at 549980,5801820,90")),
+    ("--at 1,2,north", ("--at X,Y,HEADING_DEG",)),
+    ("--at 1,2,3", ("one scan with --at, got 4",)),
+    ("--at 1,2,3 --geoid-height 40", ("either --at or --geoid-height",)),
+])  # fmt: skip
 def test_a_place_is_three_numbers_and_of_one_scan(localize, refused, options, words):
     refused(localize(*options.split(), prior=None), *words)
 

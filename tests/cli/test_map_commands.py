@@ -98,14 +98,11 @@ def test_a_copy_on_a_server_gives_the_same_poses(maxcon, localize, drive, poses,
     refused(maxcon("map", "build", street_npz, "-o", f"{bucket}/a"), f"map copy FOLDER {bucket}/a")
 
 
-@pytest.mark.parametrize(
-    ("spacing", "options", "cell", "words"),
-    [
-        (0.21, (), 0.24, "90 % of them within 0.210 m: voxels of 0.24 m have few holes"),
-        (0.21, ("--cell", "0.06"), 0.06, "surfaces have holes in voxels of 0.06 m; --cell 0.24 suits them"),
-        (0.7, (), 0.6, "more than a tenth of them 0.5 m or more: too sparse for surfaces, few scans will match"),
-    ],
-)
+@pytest.mark.parametrize(("spacing", "options", "cell", "words"), [
+    (0.21, (), 0.24, "90 % of them within 0.210 m: voxels of 0.24 m have few holes"),
+    (0.21, ("--cell", "0.06"), 0.06, "surfaces have holes in voxels of 0.06 m; --cell 0.24 suits them"),
+    (0.7, (), 0.6, "more than a tenth of them 0.5 m or more: too sparse for surfaces, few scans will match"),
+])  # fmt: skip
 def test_how_far_apart_the_points_of_a_map_lie(build, tmp_path, spacing, options, cell, words):
     at = np.arange(0.0, 20.0, spacing)
     points = np.stack([*(axis.ravel() for axis in np.meshgrid(at, at)), np.zeros(at.size**2)], axis=1)

@@ -70,14 +70,11 @@ def test_epochs_without_an_answer_are_rows_with_their_status(relocalize, drive, 
     assert second["status"] not in ("localized", "unreadable scan") and second["x"] == ""
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--radius 50", ("--radius together with --around X,Y",)),
-        ("--around nan,3", ("--around X,Y",)),
-        ("--around 1,2", ("within 300 m", "CRS")),
-        ("--tum x.tum", ("--tum together with --out",)),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("--radius 50", ("--radius together with --around X,Y",)),
+    ("--around nan,3", ("--around X,Y",)),
+    ("--around 1,2", ("within 300 m", "CRS")),
+    ("--tum x.tum", ("--tum together with --out",)),
+])  # fmt: skip
 def test_slips_are_one_line(relocalize, refused, options, words):
     refused(relocalize(*options.split()), *words)

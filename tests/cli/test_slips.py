@@ -46,18 +46,14 @@ def turned(roll, heading):
     return lambda pose: pose @ turn.inverse
 
 
-@pytest.mark.parametrize(
-    ("meant", "words"),
-    [
-        (turned(0.0, math.pi / 2), "the sensor turned by 90 degrees to the left: give a --mounting file"),
-        (
-            lambda pose: Pose(*pose.position, pose.roll, pose.pitch, math.pi / 2 - pose.heading),
-            "the headings of the prior those of a compass: a heading is 90 degrees less a bearing",
-        ),
-        (None, "the quaternions of the prior qw qx qy qz: write them as qx qy qz qw"),
-    ],
-    ids=["left", "compass", "scalar first"],
-)
+@pytest.mark.parametrize(("meant", "words"), [
+    (turned(0.0, math.pi / 2), "the sensor turned by 90 degrees to the left: give a --mounting file"),
+    (
+        lambda pose: Pose(*pose.position, pose.roll, pose.pitch, math.pi / 2 - pose.heading),
+        "the headings of the prior those of a compass: a heading is 90 degrees less a bearing",
+    ),
+    (None, "the quaternions of the prior qw qx qy qz: write them as qx qy qz qw"),
+], ids=["left", "compass", "scalar first"])  # fmt: skip
 def test_what_would_fit_is_said_where_nothing_does(localized, priors, prior_rows, meant, words):
     if meant is None:
         ended = localized([" ".join([*row[:4], row[7], *row[4:7]]) for row in prior_rows], name="prior.txt")

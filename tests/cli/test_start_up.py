@@ -79,16 +79,13 @@ def test_help_of_many_options_is_in_groups(maxcon, command):
     assert len(options) == len(set(options)) > 10
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("nonsense",),
-        ("localize", "--nonsense"),
-        ("localize", "m", "s", "--prior", "p", "-o", "o", "--search", "nonsense"),
-        ("map", "build", "a.laz"),
-        ("simulate", "out", "--recording", "tape"),
-    ],
-)
+@pytest.mark.parametrize("arguments", [
+    ("nonsense",),
+    ("localize", "--nonsense"),
+    ("localize", "m", "s", "--prior", "p", "-o", "o", "--search", "nonsense"),
+    ("map", "build", "a.laz"),
+    ("simulate", "out", "--recording", "tape"),
+])  # fmt: skip
 def test_what_the_parser_refuses_ends_with_2(maxcon, arguments):
     ended = maxcon(*arguments)
     assert ended.code == 2 and ended.out == ""

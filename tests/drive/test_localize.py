@@ -143,14 +143,11 @@ def test_a_prior_of_a_senseless_number_is_one_epoch_with_a_status(point_map, sca
         assert "Expected points within" in epochs[1].reason and epochs[1].pose_global is None
 
 
-@pytest.mark.parametrize(
-    ("other", "words"),
-    [
-        (1e6 + 3600.5, "+3600.500 s apart, about +1 h: a time zone. "),
-        (1e6 + 18.0, "+18.000 s apart. "),
-        (1e9, "the trajectory's times were in ms"),
-        (1e3, "the scans' times were in ms"),
-    ],
-)
+@pytest.mark.parametrize(("other", "words"), [
+    (1e6 + 3600.5, "+3600.500 s apart, about +1 h: a time zone. "),
+    (1e6 + 18.0, "+18.000 s apart. "),
+    (1e9, "the trajectory's times were in ms"),
+    (1e3, "the scans' times were in ms"),
+])  # fmt: skip
 def test_clocks_that_differ_are_told_how(other, words):
     assert words in _clocks_in_words(1e6, other)

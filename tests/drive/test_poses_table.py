@@ -213,17 +213,14 @@ def test_epochs_go_in_runs_of_neighbours_whatever_is_there_already():
     assert list(tasks_of(entry, [])) == []
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "`array` of length >= 1"), ("name,scans\n", "`array` of length >= 1"),
-        ("name,scans,priors\na,b,c\n", "unknown field `priors`"), ("name,scans\na,scans\nA,scans\n", "got 'A' twice"),
-        ("name,scans\n../a,scans\n", "a folder is named by it"),
-        ("name,scans\na,scans,more\n", "line 2: Expected 2 columns .*, got 3"),
-        ("name,scans\na,\n", r"`drive\[0\].scans`: expected `str` of length >= 1"),
-        ('name,scans\n"a,b\n', "line 2: Expected comma-separated values"), ("\x00\xff", "Expected"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "`array` of length >= 1"), ("name,scans\n", "`array` of length >= 1"),
+    ("name,scans,priors\na,b,c\n", "unknown field `priors`"), ("name,scans\na,scans\nA,scans\n", "got 'A' twice"),
+    ("name,scans\n../a,scans\n", "a folder is named by it"),
+    ("name,scans\na,scans,more\n", "line 2: Expected 2 columns .*, got 3"),
+    ("name,scans\na,\n", r"`drive\[0\].scans`: expected `str` of length >= 1"),
+    ('name,scans\n"a,b\n', "line 2: Expected comma-separated values"), ("\x00\xff", "Expected"),
+])  # fmt: skip
 def test_what_is_no_table_is_refused_in_a_line(tmp_path, text, words):
     (tmp_path / "drives.csv").write_bytes(text.encode("latin-1"))
     with pytest.raises(FileError, match=words) as refused:

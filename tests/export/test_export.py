@@ -76,16 +76,13 @@ def _with(name, values):
     return lambda table: table.set_column(table.schema.get_field_index(name), name, [values])
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda table: table.drop_columns(["cov_x_x"]), "no column cov_x_x"),
-        (lambda table: table.slice(0, 0), "a row per epoch"), (_with("time", [None, 1.0, 2.0]), "no time"),
-        (_with("x", [None, None, 2.0]), "a part of a pose"), (_with("score", [math.inf, None, 2.0]), "inf"),
-        (_with("y", ["a", None, "b"]), "'a'"), (_with("status", [1, 2, 3]), "in row 1: 1"),
-        (100, "to be a table such as POSES.csv"), ("removed", "No such file"), ("a folder", "Is a directory"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda table: table.drop_columns(["cov_x_x"]), "no column cov_x_x"),
+    (lambda table: table.slice(0, 0), "a row per epoch"), (_with("time", [None, 1.0, 2.0]), "no time"),
+    (_with("x", [None, None, 2.0]), "a part of a pose"), (_with("score", [math.inf, None, 2.0]), "inf"),
+    (_with("y", ["a", None, "b"]), "'a'"), (_with("status", [1, 2, 3]), "in row 1: 1"),
+    (100, "to be a table such as POSES.csv"), ("removed", "No such file"), ("a folder", "Is a directory"),
+])  # fmt: skip
 def test_a_parquet_file_that_is_none_of_a_drive(parquet, change, words):
     content = parquet.read_bytes()
     if callable(change):

@@ -142,15 +142,12 @@ def test_indices_end_where_int32_would_not_hold_a_window(sign, axis):
 GOOD = np.diag([1.0, 0.0, 1e-6])
 
 
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [
-        (np.zeros((3, 7)), r"`points` to have shape \(n, 3\), got \(3, 7\)\. Transpose it\?"),
-        ([1.0, 2.0, 3.0], r"to have shape \(n, 3\), got \(3,\)\.$"),
-        ([[0.0, 0.0, 0.0], [0.0, math.nan, 0.0]], r"got 1 of 2 rows with NaN or infinity\. Drop those rows"),
-        ([["a", "b", "c"]], "to be numbers"),
-    ],
-)
+@pytest.mark.parametrize(("points", "words"), [
+    (np.zeros((3, 7)), r"`points` to have shape \(n, 3\), got \(3, 7\)\. Transpose it\?"),
+    ([1.0, 2.0, 3.0], r"to have shape \(n, 3\), got \(3,\)\.$"),
+    ([[0.0, 0.0, 0.0], [0.0, math.nan, 0.0]], r"got 1 of 2 rows with NaN or infinity\. Drop those rows"),
+    ([["a", "b", "c"]], "to be numbers"),
+])  # fmt: skip
 def test_what_are_no_points_is_refused(points, words):
     with pytest.raises(ArrayError, match=words):
         as_points(points, "points")
@@ -166,16 +163,13 @@ def test_what_is_made_of_factors_is_a_covariance(factors, scales):
     assert first_covariance_fault(factors[:0]) is None
 
 
-@pytest.mark.parametrize(
-    "matrix",
-    [
-        np.diag([1.0, np.nan, 0.1]),
-        np.diag([1.0, 1.0, -0.1]),
-        [[1.0, 0.1, 0.0], [0.2, 1.0, 0.0], [0.0, 0.0, 0.1]],
-        [[1.0, 1.1, 0.0], [1.1, 1.0, 0.0], [0.0, 0.0, 0.1]],
-        [[1e-300, 1e300, 0.0], [1e300, 1e-300, 0.0], [0.0, 0.0, 0.1]],
-    ],
-)
+@pytest.mark.parametrize("matrix", [
+    np.diag([1.0, np.nan, 0.1]),
+    np.diag([1.0, 1.0, -0.1]),
+    [[1.0, 0.1, 0.0], [0.2, 1.0, 0.0], [0.0, 0.0, 0.1]],
+    [[1.0, 1.1, 0.0], [1.1, 1.0, 0.0], [0.0, 0.0, 0.1]],
+    [[1e-300, 1e300, 0.0], [1e300, 1e-300, 0.0], [0.0, 0.0, 0.1]],
+])  # fmt: skip
 def test_the_first_that_is_none_is_named(matrix):
     row, words = first_covariance_fault(np.array([GOOD, matrix, matrix]))
     assert row == 1

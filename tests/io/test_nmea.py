@@ -71,16 +71,13 @@ def test_letters_of_a_base_station_nanoseconds_midnight_and_a_late_date_cost_no_
     np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).times, START + np.arange(3))
 
 
-@pytest.mark.parametrize(
-    ("lines", "kind", "words"),
-    [
-        ([gga(START, *NEAR, 1.0, 1.0)], TrajectoryError, "a date"),
-        ([rmc(START), gga(START, *NEAR, 1.0, 1.0, quality=0)], TrajectoryError, "1 sentences without a fix"),
-        ([rmc(START), gga(START, *NEAR)], TrajectoryError, "positions without heights"),
-        (["1.0 2.0"], FileError, "got none"),
-        ([gga(START, *NEAR, 1.0, 1.0)[:-3]], FileError, "1 with a wrong checksum, or without"),
-    ],
-)
+@pytest.mark.parametrize(("lines", "kind", "words"), [
+    ([gga(START, *NEAR, 1.0, 1.0)], TrajectoryError, "a date"),
+    ([rmc(START), gga(START, *NEAR, 1.0, 1.0, quality=0)], TrajectoryError, "1 sentences without a fix"),
+    ([rmc(START), gga(START, *NEAR)], TrajectoryError, "positions without heights"),
+    (["1.0 2.0"], FileError, "got none"),
+    ([gga(START, *NEAR, 1.0, 1.0)[:-3]], FileError, "1 with a wrong checksum, or without"),
+])  # fmt: skip
 def test_no_date_no_position_no_height_no_sentence(tmp_path, lines, kind, words):
     with pytest.raises(kind, match=words):
         read_nmea(_write(tmp_path / "a.nmea", lines))

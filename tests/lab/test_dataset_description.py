@@ -77,23 +77,20 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
     assert options.sigma == 0.009
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("[map]", "[map", "Expected a dataset's description in"),
-        ('[priors]\ngnss = "gnss.txt"\nrough = "rough.txt"', "", "missing required field `priors`"),
-        ("clouds", "cluods", "at `map`: object contains unknown field `cluods`"),
-        ("map/*.laz", "map/*.las", "got none for 'map/\\*.las'"),
-        ('"map/*.laz"', "[3]", r"at `map.clouds\[0\]`: expected `str`"),
-        ('clouds = "map/*.laz"', "", "got neither"),
-        ('"map/*.laz"', '"map/*.laz"\npath = "city.map"', "got both"),
-        ("rough =", "reference =", "other than reference"),
-        ('clouds = "map/*.laz"', 'path = "city.map"\ncrs = "EPSG:25832"', "beside the path of a built map"),
-        ('"reference.txt"', '"nowhere.txt"', "to name what exists"),
-        ('"map/*.laz"', '"map/*.laz"\nsigma = nan', "at `map.sigma`: expected `float` >= 0.0"),
-        ('"map/*.laz"', '"map/*.laz"\nsigma = inf', "expected `float` <= 1000.0"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("[map]", "[map", "Expected a dataset's description in"),
+    ('[priors]\ngnss = "gnss.txt"\nrough = "rough.txt"', "", "missing required field `priors`"),
+    ("clouds", "cluods", "at `map`: object contains unknown field `cluods`"),
+    ("map/*.laz", "map/*.las", "got none for 'map/\\*.las'"),
+    ('"map/*.laz"', "[3]", r"at `map.clouds\[0\]`: expected `str`"),
+    ('clouds = "map/*.laz"', "", "got neither"),
+    ('"map/*.laz"', '"map/*.laz"\npath = "city.map"', "got both"),
+    ("rough =", "reference =", "other than reference"),
+    ('clouds = "map/*.laz"', 'path = "city.map"\ncrs = "EPSG:25832"', "beside the path of a built map"),
+    ('"reference.txt"', '"nowhere.txt"', "to name what exists"),
+    ('"map/*.laz"', '"map/*.laz"\nsigma = nan', "at `map.sigma`: expected `float` >= 0.0"),
+    ('"map/*.laz"', '"map/*.laz"\nsigma = inf', "expected `float` <= 1000.0"),
+])  # fmt: skip
 def test_what_is_wrong_is_said(folder, old, new, words):
     assert old in PLAIN
     with pytest.raises(FileError, match=words):
@@ -120,16 +117,12 @@ def test_names_longer_than_any_file_system_takes(folder, key):
         opened(folder, text)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        ".".join("a" * 20_000) + " = 1", "x = 1\n[" + ".".join(["'a'"] * 20_000) + "]",
-        " . ".join(['"a b"'] * 10_000) + " = 1",
-        "[map]\n" + "\n".join(".".join(["a"] * 100 + [str(number)]) + " = 1" for number in range(1000)),
-        "a = " + "[" * 100_000, "a = " + "{a=" * 50_000, "a" * 1_000_000,
-    ],
-    ids=["dotted", "header", "quoted", "many", "lists", "tables", "word"],
-)  # fmt: skip
+@pytest.mark.parametrize("text", [
+    ".".join("a" * 20_000) + " = 1", "x = 1\n[" + ".".join(["'a'"] * 20_000) + "]",
+    " . ".join(['"a b"'] * 10_000) + " = 1",
+    "[map]\n" + "\n".join(".".join(["a"] * 100 + [str(number)]) + " = 1" for number in range(1000)),
+    "a = " + "[" * 100_000, "a = " + "{a=" * 50_000, "a" * 1_000_000,
+], ids=["dotted", "header", "quoted", "many", "lists", "tables", "word"])  # fmt: skip
 def test_deep_keys_are_refused_in_little_memory(folder, text):
     tracemalloc.start()
     started = time.monotonic()

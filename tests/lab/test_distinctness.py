@@ -44,15 +44,12 @@ def measured(scores):
 # --- kurtosis -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("values", "wanted"),
-    [
-        ([0, 0, 0, 0, 1, 6, 1, 0, 0, 0], 4.0),  # variance 1/4, fourth moment 1/4
-        ([0, 0, 1, 0, 0, 6, 0, 0, 1, 0], 4.0),  # wider, but of the same shape
-        ([0, 0, 0, 0, 0, 2, 2, 0, 0, 0], 1.0),  # two places
-        ([3, 0, 0, 0, 0, 0, 0, 0, 0, 1], 7 / 3),  # about its mean: 1 / (p q) - 3 with p = 1/4
-    ],
-)
+@pytest.mark.parametrize(("values", "wanted"), [
+    ([0, 0, 0, 0, 1, 6, 1, 0, 0, 0], 4.0),  # variance 1/4, fourth moment 1/4
+    ([0, 0, 1, 0, 0, 6, 0, 0, 1, 0], 4.0),  # wider, but of the same shape
+    ([0, 0, 0, 0, 0, 2, 2, 0, 0, 0], 1.0),  # two places
+    ([3, 0, 0, 0, 0, 0, 0, 0, 0, 1], 7 / 3),  # about its mean: 1 / (p q) - 3 with p = 1/4
+])  # fmt: skip
 def test_kurtosis_by_hand(values, wanted):
     assert measured(row(values)).kurtosis == pytest.approx(wanted, rel=1e-12)
 
@@ -88,17 +85,14 @@ def test_the_peak_ratio_is_second_over_highest_beyond_0_3_m():
     assert measured(scores).peak_ratio == 3.0 / 8.0
 
 
-@pytest.mark.parametrize(
-    ("others", "wanted"),
-    [
-        ([], 0.0),
-        ([((1, 5, 6), 9.0)], CELL),  # 90 % themselves reach it
-        ([((1, 5, 6), 8.99)], 0.0),
-        ([((0, 1, 8), 9.5), ((1, 5, 4), 9.5)], 5 * CELL),  # 3 and 4 cells away, at another heading
-        ([((2, 5, 5), 9.9)], 0.0),  # the same place at another heading
-        ([((1, 0, 0), 10.0)], 5 * ROOT_2 * CELL),
-    ],
-)
+@pytest.mark.parametrize(("others", "wanted"), [
+    ([], 0.0),
+    ([((1, 5, 6), 9.0)], CELL),  # 90 % themselves reach it
+    ([((1, 5, 6), 8.99)], 0.0),
+    ([((0, 1, 8), 9.5), ((1, 5, 4), 9.5)], 5 * CELL),  # 3 and 4 cells away, at another heading
+    ([((2, 5, 5), 9.9)], 0.0),  # the same place at another heading
+    ([((1, 0, 0), 10.0)], 5 * ROOT_2 * CELL),
+])  # fmt: skip
 def test_the_spread_is_the_farthest_cell_of_90_per_cent(others, wanted):
     scores = np.zeros(SPACE.shape)
     scores[MIDDLE] = 10.0
@@ -147,13 +141,10 @@ def test_the_unit_of_the_score_does_not_matter(seed, factor):
 # --- what is refused ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        (-0.5, r"finite scores >= 0 .*got -0\.5 to 8\. Let the objective score 0 where nothing matches"),
-        (math.nan, "scores of .* that are numbers, got NaN"),
-    ],
-)
+@pytest.mark.parametrize(("value", "words"), [
+    (-0.5, r"finite scores >= 0 .*got -0\.5 to 8\. Let the objective score 0 where nothing matches"),
+    (math.nan, "scores of .* that are numbers, got NaN"),
+])  # fmt: skip
 def test_scores_that_have_no_shares_are_refused(value, words):
     scores = row(8.0)
     scores[2, 0, 0] = value

@@ -22,17 +22,14 @@ def test_heading_is_signed_and_takes_the_shorter_way(heading, reference, wanted)
     assert math.degrees(error.heading) == pytest.approx(wanted, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "reference_heading", "along", "across"),
-    [
-        (2.0, 1.0, 0.0, 2.0, 1.0),
-        (-1.0, 2.0, 90.0, 2.0, 1.0),  # driving north: west is to the left
-        (1.0, -2.0, 90.0, -2.0, -1.0),
-        (3.0, 0.5, 180.0, -3.0, -0.5),
-        (1.0, 1.0, 45.0, math.sqrt(2.0), 0.0),
-        (1.0, 0.0, 30.0, math.sqrt(0.75), -0.5),
-    ],
-)
+@pytest.mark.parametrize(("x", "y", "reference_heading", "along", "across"), [
+    (2.0, 1.0, 0.0, 2.0, 1.0),
+    (-1.0, 2.0, 90.0, 2.0, 1.0),  # driving north: west is to the left
+    (1.0, -2.0, 90.0, -2.0, -1.0),
+    (3.0, 0.5, 180.0, -3.0, -0.5),
+    (1.0, 1.0, 45.0, math.sqrt(2.0), 0.0),
+    (1.0, 0.0, 30.0, math.sqrt(0.75), -0.5),
+])  # fmt: skip
 def test_along_and_across_are_those_of_the_reference(x, y, reference_heading, along, across):
     reference = _pose(100.0, -50.0, -9.0, reference_heading)
     error = evaluation.pose_error(_pose(100.0 + x, -50.0 + y, 9.0, reference_heading + 1.0), reference)
@@ -41,13 +38,10 @@ def test_along_and_across_are_those_of_the_reference(x, y, reference_heading, al
     assert error.distance == pytest.approx(math.hypot(x, y))
 
 
-@pytest.mark.parametrize(
-    ("along", "across", "heading_deg", "wanted"),
-    [
-        (0.3, 0.0, 0.0, True), (0.3001, 0.0, 0.0, False), (-0.18, 0.24, 0.0, True), (0.25, 0.25, 0.0, False),
-        (0.0, 0.0, -1.0, True), (0.0, 0.0, 1.001, False), (0.31, 0.0, 1.1, False), (math.nan, 0.0, 0.0, False),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("along", "across", "heading_deg", "wanted"), [
+    (0.3, 0.0, 0.0, True), (0.3001, 0.0, 0.0, False), (-0.18, 0.24, 0.0, True), (0.25, 0.25, 0.0, False),
+    (0.0, 0.0, -1.0, True), (0.0, 0.0, 1.001, False), (0.31, 0.0, 1.1, False), (math.nan, 0.0, 0.0, False),
+])  # fmt: skip
 def test_success_is_0_3_m_and_1_degree(along, across, heading_deg, wanted):
     assert evaluation.PoseError(along, across, math.radians(heading_deg)).is_success is wanted
 

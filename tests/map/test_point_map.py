@@ -79,14 +79,11 @@ def test_without_sides_turned_normals_do_not_cancel(seed, n):
     np.testing.assert_allclose(np.abs((means * wanted).sum(axis=1))[wanted.any(axis=1)], 1.0, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("normals", "is_signed", "mean"),
-    [
-        ([[1, 0, 0], [-1, 0, 0]], True, [0, 0, 0]),  # both faces of a thin wall
-        ([[1, 0, 0], [-1, 0, 0], [0, 1, 0]], True, [0, 1, 0]),
-        ([[0, 0, 0], [1, 0, 0], [-1, 0, 0]], False, [1, 0, 0]),
-    ],
-)
+@pytest.mark.parametrize(("normals", "is_signed", "mean"), [
+    ([[1, 0, 0], [-1, 0, 0]], True, [0, 0, 0]),  # both faces of a thin wall
+    ([[1, 0, 0], [-1, 0, 0], [0, 1, 0]], True, [0, 1, 0]),
+    ([[0, 0, 0], [1, 0, 0], [-1, 0, 0]], False, [1, 0, 0]),
+])  # fmt: skip
 def test_mean_normals_by_hand(normals, is_signed, mean):
     point_map = PointMap.from_points(np.full((len(normals), 3), 0.03), normals, is_signed=is_signed)
     _, counts, means = point_map.all_voxels()
@@ -140,15 +137,12 @@ def test_a_map_has_the_bounds_of_its_tiles_keeps_what_it_is_given_and_has_a_shor
     assert repr(PointMap.from_points(points, normals, frame=frame)).endswith("m, EPSG:25832)")
 
 
-@pytest.mark.parametrize(
-    ("points", "normals", "cell", "words"),
-    [
-        (np.zeros((2, 3)), np.zeros((3, 3)), 0.06, "`normals` to have one row per point, 2, got 3"),
-        (np.zeros((1, 3)), [[0.5, 0.0, 0.0]], 0.06, "length 0.5 in row 0. Divide each row by its length"),
-        (np.full((1, 3), np.nan), np.zeros((1, 3)), 0.06, "finite coordinates in `points`"),
-        *((NOTHING, NOTHING, cell, f"edge `cell` in m, got {cell}") for cell in (0.0, math.nan, math.inf)),
-    ],
-)
+@pytest.mark.parametrize(("points", "normals", "cell", "words"), [
+    (np.zeros((2, 3)), np.zeros((3, 3)), 0.06, "`normals` to have one row per point, 2, got 3"),
+    (np.zeros((1, 3)), [[0.5, 0.0, 0.0]], 0.06, "length 0.5 in row 0. Divide each row by its length"),
+    (np.full((1, 3), np.nan), np.zeros((1, 3)), 0.06, "finite coordinates in `points`"),
+    *((NOTHING, NOTHING, cell, f"edge `cell` in m, got {cell}") for cell in (0.0, math.nan, math.inf)),
+])  # fmt: skip
 def test_points_that_make_no_map_are_refused(points, normals, cell, words):
     with pytest.raises(ArrayError, match=words):
         PointMap.from_points(points, normals, cell)

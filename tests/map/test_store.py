@@ -185,27 +185,24 @@ def with_tiles(**changes):
     return lambda content: content["sections"]["tiles"].update(changes)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        *(({"cell": cell}, "cell") for cell in (0.0, 1e3, ..., "wide")),
-        ({"origin": [0.0, 1e300, 0.0]}, "origin"),
-        ({"origin": [0.0, 0.0]}, "origin"),
-        ({"sigma": -0.01}, "sigma"),
-        ({"tile_voxels": 256}, "tile_voxels"),
-        ({"ground_voxels": 4}, "ground_voxels"),
-        ({"crs": 25832}, "crs"),
-        ({"is_signed": "false"}, "is_signed"),  # it must not read as true
-        ({"build": None}, "build"),
-        ({"sections": {}}, "at least one tile"),
-        ({"sections": {"../tiles": {}}}, "sections"),
-        *((with_tiles(index=name), "index`") for name in ("../secret", "tiles/../secret", "tiles/", 7, ...)),
-        (with_tiles(index_bytes=-1), "index_bytes"),
-        (with_tiles(index_sha256=...), "index_sha256"),
-        (with_tiles(shards=[{**SHARD, "bytes": 2**70}]), "bytes"),
-        *((with_tiles(shards=[{**SHARD, "name": name}]), "name") for name in ("/etc/passwd", "tiles/../a", "a/b\n")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "words"), [
+    *(({"cell": cell}, "cell") for cell in (0.0, 1e3, ..., "wide")),
+    ({"origin": [0.0, 1e300, 0.0]}, "origin"),
+    ({"origin": [0.0, 0.0]}, "origin"),
+    ({"sigma": -0.01}, "sigma"),
+    ({"tile_voxels": 256}, "tile_voxels"),
+    ({"ground_voxels": 4}, "ground_voxels"),
+    ({"crs": 25832}, "crs"),
+    ({"is_signed": "false"}, "is_signed"),  # it must not read as true
+    ({"build": None}, "build"),
+    ({"sections": {}}, "at least one tile"),
+    ({"sections": {"../tiles": {}}}, "sections"),
+    *((with_tiles(index=name), "index`") for name in ("../secret", "tiles/../secret", "tiles/", 7, ...)),
+    (with_tiles(index_bytes=-1), "index_bytes"),
+    (with_tiles(index_sha256=...), "index_sha256"),
+    (with_tiles(shards=[{**SHARD, "bytes": 2**70}]), "bytes"),
+    *((with_tiles(shards=[{**SHARD, "name": name}]), "name") for name in ("/etc/passwd", "tiles/../a", "a/b\n")),
+])  # fmt: skip
 def test_an_entry_that_cannot_be_is_named(path, changes, words):
     if callable(changes):
         content = json.loads(path.read_text())
@@ -220,19 +217,15 @@ def test_an_entry_that_cannot_be_is_named(path, changes, words):
     assert text.endswith("Build the map again with `maxcon map build`.")
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        *(({"format": wrong}, "to say it is a maxcon map, but it does not") for wrong in ("other", ...)),
-        ({"format_version": 2}, "map format version 3, got 2. Build the map again"),
-        ({"format_version": 4}, "map format version 3, got 4. Update maxcon"),
-        ({"cell": math.nan}, "to be the manifest of a map"),
-        *((text, "be the manifest of a map") for text in (b"", b"[" * 100_000, b"\xff\xfe\x00", b"NaN")),
-        *((text, "to say it is a maxcon map") for text in (b"[]", b"{}")),
-        ((b'"cell": 0.', b'"cell": 1.'), "json to be as it was written, got another checksum"),
-    ],
-    ids=range(12),
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "words"), [
+    *(({"format": wrong}, "to say it is a maxcon map, but it does not") for wrong in ("other", ...)),
+    ({"format_version": 2}, "map format version 3, got 2. Build the map again"),
+    ({"format_version": 4}, "map format version 3, got 4. Update maxcon"),
+    ({"cell": math.nan}, "to be the manifest of a map"),
+    *((text, "be the manifest of a map") for text in (b"", b"[" * 100_000, b"\xff\xfe\x00", b"NaN")),
+    *((text, "to say it is a maxcon map") for text in (b"[]", b"{}")),
+    ((b'"cell": 0.', b'"cell": 1.'), "json to be as it was written, got another checksum"),
+], ids=range(12))  # fmt: skip
 def test_what_is_no_manifest_of_this_version(path, changes, words):
     if isinstance(changes, dict):
         edit_manifest(path.parent, **changes)

@@ -107,15 +107,12 @@ def test_scans_without_a_pose_are_left_out_and_told(drive, tmp_path):
     assert "18 of 40 placed by their poses; 22 have no pose" in said
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda rows: rows[:-1], "a pose for each of the 40 scans.*got 39"),
-        (lambda rows: [row * 2.0 for row in rows], "line 1: Expected a rotation"),
-        (lambda rows: [np.column_stack([np.eye(3), np.roll(row[3::4], -1)]).ravel() for row in rows], "KITTI's own do"),
-        (lambda rows: [row[:5] for row in rows], "line 1: Expected 8 columns"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda rows: rows[:-1], "a pose for each of the 40 scans.*got 39"),
+    (lambda rows: [row * 2.0 for row in rows], "line 1: Expected a rotation"),
+    (lambda rows: [np.column_stack([np.eye(3), np.roll(row[3::4], -1)]).ravel() for row in rows], "KITTI's own do"),
+    (lambda rows: [row[:5] for row in rows], "line 1: Expected 8 columns"),
+])  # fmt: skip
 def test_poses_that_cannot_be_are_refused(drive, tmp_path, change, words):
     rows = np.loadtxt(drive / "poses.txt")
     np.savetxt(tmp_path / "poses.txt", change(list(rows)))

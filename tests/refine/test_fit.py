@@ -62,15 +62,12 @@ def test_each_pattern_is_noticed_and_the_pose_is_that_of_the_scan_without_it(see
         assert off(found.refined.pose) < 0.05
 
 
-@pytest.mark.parametrize(
-    ("pattern", "size", "words"),
-    [
-        (TOO_LARGE, 0.01, "the scan looks +1.00 %"), (LONG, 0.12, "the scan has ranges that look +0.1"),
-        (STRETCHED, 0.9, "the scan looks stretched along the way by +0.9 m a turn (corrected): deskew it (--deskew)"),
-        (TWISTED, 0.03, "the scan looks twisted by +1.7 degrees a turn (corrected): deskew it (--deskew)"),
-        (LEFT, 0.3, "the scan has what is to the left +0.3"), (AHEAD, 0.3, "the scan has what is ahead +0.3"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("pattern", "size", "words"), [
+    (TOO_LARGE, 0.01, "the scan looks +1.00 %"), (LONG, 0.12, "the scan has ranges that look +0.1"),
+    (STRETCHED, 0.9, "the scan looks stretched along the way by +0.9 m a turn (corrected): deskew it (--deskew)"),
+    (TWISTED, 0.03, "the scan looks twisted by +1.7 degrees a turn (corrected): deskew it (--deskew)"),
+    (LEFT, 0.3, "the scan has what is to the left +0.3"), (AHEAD, 0.3, "the scan has what is ahead +0.3"),
+])  # fmt: skip
 def test_the_strongest_pattern_is_named_with_its_size(pattern, size, words):
     point_map, scan = town(1)
     assert words in fitted(distorted(scan, pattern, size), point_map).words

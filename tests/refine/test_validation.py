@@ -79,15 +79,12 @@ def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_re
     asked.assert_not_called()
 
 
-@pytest.mark.parametrize(
-    ("fit", "height_sigma", "tilt_sigma"),
-    [
-        (None, HEIGHT_SIGMA, TILT_SIGMA),
-        (ground(0.001, 0.0001), 0.03, 0.003),
-        (ground(0.05, 0.0001), 0.05, 0.003),
-        (ground(0.001, 0.02), 0.03, 0.02),
-    ],
-)
+@pytest.mark.parametrize(("fit", "height_sigma", "tilt_sigma"), [
+    (None, HEIGHT_SIGMA, TILT_SIGMA),
+    (ground(0.001, 0.0001), 0.03, 0.003),
+    (ground(0.05, 0.0001), 0.05, 0.003),
+    (ground(0.001, 0.02), 0.03, 0.02),
+])  # fmt: skip
 def test_the_ground_tells_no_more_than_map_and_walls_agree_on(asked, room, fit, height_sigma, tilt_sigma):
     answer = validate(found(), fit, seen(room, 3000), room[2], Trust(), RISK)
     asked.assert_called_once()
@@ -156,14 +153,11 @@ def test_the_orientation_bin_with_the_lowest_share_is_given():
     assert least_wall_share(refine(bare, point_map, here)) is None
 
 
-@pytest.mark.parametrize(
-    ("vertical", "residual", "n_points", "wanted"),
-    [
-        (0.0, 0.0, 19, None), (0.0, 0.0, 20, WallShare(math.radians(15), 20, 20)),
-        (0.0, 0.079, 30, WallShare(math.radians(15), 30, 30)), (0.0, 0.081, 30, WallShare(math.radians(15), 30, 0)),
-        (0.49, 0.0, 30, WallShare(math.radians(15), 30, 30)), (0.51, 0.0, 30, None),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("vertical", "residual", "n_points", "wanted"), [
+    (0.0, 0.0, 19, None), (0.0, 0.0, 20, WallShare(math.radians(15), 20, 20)),
+    (0.0, 0.079, 30, WallShare(math.radians(15), 30, 30)), (0.0, 0.081, 30, WallShare(math.radians(15), 30, 0)),
+    (0.49, 0.0, 30, WallShare(math.radians(15), 30, 30)), (0.51, 0.0, 30, None),
+])  # fmt: skip
 def test_what_a_wall_point_is_and_when_it_is_found(vertical, residual, n_points, wanted):
     normals = np.tile([math.sqrt(1.0 - vertical**2), 0.0, vertical], (n_points, 1))
     nothing = np.zeros((n_points, 4))

@@ -78,34 +78,28 @@ def test_nearly_unit_quaternions_are_normalized():
     assert trajectory.pose(0).heading == pytest.approx(math.pi / 2)
 
 
-@pytest.mark.parametrize(
-    ("times", "quaternion", "covariance", "words"),
-    [
-        ([0.0, 1.0, 1.0], IDENTITY, KNOWN, r"Row 2 .*increase, got 1\.0+ s after 1\.0+ s.*Sort"),
-        ([0.0, math.nan, 2.0], IDENTITY, KNOWN, "Row 1 .*finite"),
-        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 0.0), KNOWN, "Row 1 .*unit quaternion.*length 0"),
-        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 2.0), KNOWN, "Row 1 .*unit quaternion.*length 2.*order of the columns"),
-        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, math.nan), KNOWN, "Row 1 .*finite"),
-        ([0.0, 1.0, 2.0], (0.0, 1e300, 1e300, 1.0), KNOWN, "Row 1 .*unit quaternion"),
-        ([0.0, 1.0, 2.0], IDENTITY, np.diag([1.0, np.nan, 1.0]), "Row 1 .*finite, symmetric"),
-        ([0.0, 1.0, 2.0], IDENTITY, np.ones((3, 3)) - np.diag([0.0, 0.0, 0.5]), "Row 1 .*positive semidefinite"),
-    ],
-)
+@pytest.mark.parametrize(("times", "quaternion", "covariance", "words"), [
+    ([0.0, 1.0, 1.0], IDENTITY, KNOWN, r"Row 2 .*increase, got 1\.0+ s after 1\.0+ s.*Sort"),
+    ([0.0, math.nan, 2.0], IDENTITY, KNOWN, "Row 1 .*finite"),
+    ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 0.0), KNOWN, "Row 1 .*unit quaternion.*length 0"),
+    ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 2.0), KNOWN, "Row 1 .*unit quaternion.*length 2.*order of the columns"),
+    ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, math.nan), KNOWN, "Row 1 .*finite"),
+    ([0.0, 1.0, 2.0], (0.0, 1e300, 1e300, 1.0), KNOWN, "Row 1 .*unit quaternion"),
+    ([0.0, 1.0, 2.0], IDENTITY, np.diag([1.0, np.nan, 1.0]), "Row 1 .*finite, symmetric"),
+    ([0.0, 1.0, 2.0], IDENTITY, np.ones((3, 3)) - np.diag([0.0, 0.0, 0.5]), "Row 1 .*positive semidefinite"),
+])  # fmt: skip
 def test_rows_that_cannot_be_used_are_named(times, quaternion, covariance, words):
     with pytest.raises(TrajectoryError, match=words):
         Trajectory(times, np.zeros((3, 3)), [IDENTITY, quaternion, IDENTITY], [KNOWN, covariance, KNOWN])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (([[0.0]], [[0.0] * 3], [IDENTITY]), r"`times` to have shape \(n,\), got \(1, 1\)"),
-        (([0.0, 1.0], [[0.0] * 3], [IDENTITY] * 2), r"`positions` to have shape \(2, 3\), got \(1, 3\)"),
-        (([0.0], [[0.0] * 3], [[0.0] * 3]), r"`quaternions_xyzw` to have shape \(1, 4\)"),
-        ((["a"], [[0.0] * 3], [IDENTITY]), "`times` to be numbers"),
-        (([0.0], [[0.0] * 3], [IDENTITY], [np.eye(6)]), r"`covariances` to have shape \(1, 3, 3\), got \(1, 6, 6\)"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (([[0.0]], [[0.0] * 3], [IDENTITY]), r"`times` to have shape \(n,\), got \(1, 1\)"),
+    (([0.0, 1.0], [[0.0] * 3], [IDENTITY] * 2), r"`positions` to have shape \(2, 3\), got \(1, 3\)"),
+    (([0.0], [[0.0] * 3], [[0.0] * 3]), r"`quaternions_xyzw` to have shape \(1, 4\)"),
+    ((["a"], [[0.0] * 3], [IDENTITY]), "`times` to be numbers"),
+    (([0.0], [[0.0] * 3], [IDENTITY], [np.eye(6)]), r"`covariances` to have shape \(1, 3, 3\), got \(1, 6, 6\)"),
+])  # fmt: skip
 def test_wrong_shapes_are_refused(arguments, words):
     with pytest.raises(ArrayError, match=words):
         Trajectory(*arguments)
@@ -116,15 +110,12 @@ def test_wrong_shapes_are_refused(arguments, words):
 OUTSIDE = r"within the trajectory, 0\.0+ to 1\.0+ s, got .* from the nearest pose\..*clock"
 
 
-@pytest.mark.parametrize(
-    ("time", "max_gap", "error", "words"),
-    [
-        *((time, 10.0, TrajectoryError, OUTSIDE) for time in (-0.01, 1.01, 1.7e9)),
-        (math.nan, 0.5, TrajectoryError, "finite time"),
-        (0.5, -1.0, OptionError, "max_gap >= 0"),
-        (0.5, math.nan, OptionError, "max_gap >= 0"),
-    ],
-)
+@pytest.mark.parametrize(("time", "max_gap", "error", "words"), [
+    *((time, 10.0, TrajectoryError, OUTSIDE) for time in (-0.01, 1.01, 1.7e9)),
+    (math.nan, 0.5, TrajectoryError, "finite time"),
+    (0.5, -1.0, OptionError, "max_gap >= 0"),
+    (0.5, math.nan, OptionError, "max_gap >= 0"),
+])  # fmt: skip
 def test_times_that_are_refused(time, max_gap, error, words):
     with pytest.raises(error, match=words):
         drive([0.0, 1.0]).at(time, max_gap=max_gap)

@@ -35,14 +35,11 @@ def directions(seed, n, spread=np.pi):
     return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-@pytest.mark.parametrize(
-    ("moments", "count", "score", "eigenvalue"),
-    [
-        ([0, 0, 0, 0], 0, 0.0, 0.0), ([5, 2, 0, 3], 5, 1.2, 2.0), ([5, 3, 0, 2], 5, 1.2, 2.0),
-        ([10, 5, 0, 5], 10, 2.5, 5.0), ([4, 2, 1, 2], 4, 0.75, 1.0), ([4, 2, -1, 2], 4, 0.75, 1.0),
-        ([7, 7, 0, 0], 7, 0.0, 0.0), ([7, 3.5, 3.5, 3.5], 7, 0.0, 0.0), ([7, 0, 0, 0], 7, 0.0, 0.0),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("moments", "count", "score", "eigenvalue"), [
+    ([0, 0, 0, 0], 0, 0.0, 0.0), ([5, 2, 0, 3], 5, 1.2, 2.0), ([5, 3, 0, 2], 5, 1.2, 2.0),
+    ([10, 5, 0, 5], 10, 2.5, 5.0), ([4, 2, 1, 2], 4, 0.75, 1.0), ([4, 2, -1, 2], 4, 0.75, 1.0),
+    ([7, 7, 0, 0], 7, 0.0, 0.0), ([7, 3.5, 3.5, 3.5], 7, 0.0, 0.0), ([7, 0, 0, 0], 7, 0.0, 0.0),
+])  # fmt: skip
 def test_values_by_hand(moments, count, score, eigenvalue):
     moments = np.array(moments, float)
     assert Count().score(moments) == count
@@ -143,16 +140,13 @@ def test_what_is_no_objective_is_refused(wrong):
         maxcon.MaximumConsensus(objective=wrong)
 
 
-@pytest.mark.parametrize(
-    ("score", "words"),
-    [
-        (lambda moments: moments, r"shape \(2, 3\), got \(2, 3, 4\)"),
-        (lambda moments: moments.sum(), r"\.OwnObjective to return scores of shape \(2, 3\), got \(\) of float64"),
-        (lambda moments: np.where([[1, 1, 1], [1, 0, 1]], 1.0, np.nan), "numbers, got NaN"),
-        (lambda moments: np.full((2, 3), -1e-300), r"0 or more .* got -1e-300\. Let the objective return 0"),
-        (lambda moments: np.array([[5, 4, 3], [2, 1, -7]]), "0 or more .* got -7"),
-    ],
-)
+@pytest.mark.parametrize(("score", "words"), [
+    (lambda moments: moments, r"shape \(2, 3\), got \(2, 3, 4\)"),
+    (lambda moments: moments.sum(), r"\.OwnObjective to return scores of shape \(2, 3\), got \(\) of float64"),
+    (lambda moments: np.where([[1, 1, 1], [1, 0, 1]], 1.0, np.nan), "numbers, got NaN"),
+    (lambda moments: np.full((2, 3), -1e-300), r"0 or more .* got -1e-300\. Let the objective return 0"),
+    (lambda moments: np.array([[5, 4, 3], [2, 1, -7]]), "0 or more .* got -7"),
+])  # fmt: skip
 def test_scores_that_are_not_are_refused(score, words):
     with pytest.raises(ArrayError, match=words):
         Checked(OwnObjective(score)).score(np.ones((2, 3, 4)))
@@ -210,19 +204,16 @@ FAR = PRIOR.translated([1e9, 0.0, 0.0])
 NARROW = r"at most (67,108,864|100,000) cells .* got .*\. Narrow the search space"
 
 
-@pytest.mark.parametrize(
-    ("searches", "prior", "space", "options", "error", "words"),
-    [
-        ("evbm", PRIOR, SearchSpace(1.0, 0.05), {}, SearchSpaceError, r"0\.06 m, got 0\.05 m\. Search in a level"),
-        ("ev", PRIOR, SearchSpace(0.6, CELL, 0.0, 0.5, CELL), {}, SearchSpaceError, "one height, got 3"),
-        ("e", PRIOR, lambda: SearchSpace(600.0, CELL), {}, SearchSpaceError, NARROW),
-        ("e", PRIOR, lambda: SearchSpace(60_000.0, CELL), {}, SearchSpaceError, NARROW),
-        ("evb", FAR, SPACE, {}, ArrayError, "of the local origin"),
-        ("evb", PRIOR, SPACE, {"multiplicity": "all"}, OptionError, "'occupied' or 'points', got 'all'"),
-        ("evb", PRIOR, SPACE, {"weighting": "two"}, OptionError, "'cosine', 'published' or 'one', got 'two'"),
-        ("eb", PRIOR, SPACE, {"n_threads": 0}, OptionError, "Expected `n_threads` to be 1 or more, got 0"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("searches", "prior", "space", "options", "error", "words"), [
+    ("evbm", PRIOR, SearchSpace(1.0, 0.05), {}, SearchSpaceError, r"0\.06 m, got 0\.05 m\. Search in a level"),
+    ("ev", PRIOR, SearchSpace(0.6, CELL, 0.0, 0.5, CELL), {}, SearchSpaceError, "one height, got 3"),
+    ("e", PRIOR, lambda: SearchSpace(600.0, CELL), {}, SearchSpaceError, NARROW),
+    ("e", PRIOR, lambda: SearchSpace(60_000.0, CELL), {}, SearchSpaceError, NARROW),
+    ("evb", FAR, SPACE, {}, ArrayError, "of the local origin"),
+    ("evb", PRIOR, SPACE, {"multiplicity": "all"}, OptionError, "'occupied' or 'points', got 'all'"),
+    ("evb", PRIOR, SPACE, {"weighting": "two"}, OptionError, "'cosine', 'published' or 'one', got 'two'"),
+    ("eb", PRIOR, SPACE, {"n_threads": 0}, OptionError, "Expected `n_threads` to be 1 or more, got 0"),
+])  # fmt: skip
 def test_what_searches_refuse(searches, prior, space, options, error, words):
     for name in searches:
         search = {"e": exhaustive, "v": reference.voxels, "b": bounded, "m": matched}[name]
@@ -236,15 +227,12 @@ def test_so_many_cells_fit_and_no_more():
         check_all_fit(SearchSpace(4097 * CELL, CELL, 0.0, 0.5))
 
 
-@pytest.mark.parametrize(
-    ("search", "names"),
-    [
-        (exhaustive, "scan point_map prior space"),
-        (reference.voxels, "scan point_map prior space"),
-        (reference.pairs, "scan points_map normals_map prior space"),
-        (branch_and_bound, "scan point_map prior space objective"),
-    ],
-)
+@pytest.mark.parametrize(("search", "names"), [
+    (exhaustive, "scan point_map prior space"),
+    (reference.voxels, "scan point_map prior space"),
+    (reference.pairs, "scan points_map normals_map prior space"),
+    (branch_and_bound, "scan point_map prior space objective"),
+])  # fmt: skip
 def test_what_is_searched_goes_by_position_or_by_name_and_options_by_name_alone(search, names):
     kinds = [(name, each.kind.name) for name, each in inspect.signature(search).parameters.items()]
     n = len(names.split())

@@ -244,19 +244,16 @@ def one_match(n_scan, n_map, **options):
     return matches(PLACES, [n_scan], [n_map], **options)
 
 
-@pytest.mark.parametrize(
-    ("n_scan", "n_map", "is_signed", "weight"),
-    [
-        (X, X, True, 1.0),
-        ([-1.0, 0.0, 0.0], X, True, 0.0),  # the back of a wall is counted but constrains nothing
-        ([-1.0, 0.0, 0.0], X, False, 1.0),
-        (SLANTED, X, True, 0.6),
-        (SLANTED, SLANTED, True, 1.0),  # a roof constrains x by the square of its level part
-        ([0.0, 0.0, 0.0], X, True, 0.5),  # no scan normal: the mean of the cosine over a half space
-        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], True, 0.0),  # no direction of the observation either
-        (X, [0.0, 0.0, 0.0], True, 0.0),  # no map normal
-    ],
-)
+@pytest.mark.parametrize(("n_scan", "n_map", "is_signed", "weight"), [
+    (X, X, True, 1.0),
+    ([-1.0, 0.0, 0.0], X, True, 0.0),  # the back of a wall is counted but constrains nothing
+    ([-1.0, 0.0, 0.0], X, False, 1.0),
+    (SLANTED, X, True, 0.6),
+    (SLANTED, SLANTED, True, 1.0),  # a roof constrains x by the square of its level part
+    ([0.0, 0.0, 0.0], X, True, 0.5),  # no scan normal: the mean of the cosine over a half space
+    ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], True, 0.0),  # no direction of the observation either
+    (X, [0.0, 0.0, 0.0], True, 0.0),  # no map normal
+])  # fmt: skip
 def test_the_weight_is_the_cosine_between_the_normals(n_scan, n_map, is_signed, weight):
     expected = [1.0, weight * n_map[0] ** 2, 0.0, 0.0]
     np.testing.assert_allclose(one_match(n_scan, n_map, is_signed=is_signed), expected, atol=1e-6)
@@ -296,14 +293,11 @@ def test_the_prior_turns_and_raises_the_scan():
 # --- nothing to match, and what is refused ------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("points", "normals", "options", "error", "words"),
-    [
-        (np.zeros((1, 3)), [X], {"weighting": 1}, OptionError, "'cosine', 'published' or 'one', got 1"),
-        (np.zeros((3, 5)), np.zeros((3, 5)), {}, ArrayError, r"`points_map` .*\(n, 3\), got \(3, 5\)\. Transpose it\?"),
-        (np.zeros((2, 3)), [X, [2.0, 0.0, 0.0]], {}, ArrayError, r"unit normals in `normals_map` .*length 2 in row 1"),
-    ],
-)
+@pytest.mark.parametrize(("points", "normals", "options", "error", "words"), [
+    (np.zeros((1, 3)), [X], {"weighting": 1}, OptionError, "'cosine', 'published' or 'one', got 1"),
+    (np.zeros((3, 5)), np.zeros((3, 5)), {}, ArrayError, r"`points_map` .*\(n, 3\), got \(3, 5\)\. Transpose it\?"),
+    (np.zeros((2, 3)), [X, [2.0, 0.0, 0.0]], {}, ArrayError, r"unit normals in `normals_map` .*length 2 in row 1"),
+])  # fmt: skip
 def test_what_pairs_refuse(points, normals, options, error, words):
     with pytest.raises(error, match=words):
         reference.pairs(Scan([[0.0, 0.0, 0.0]], [X]), points, normals, HERE, SMALL, threshold=CELL, **options)

@@ -95,15 +95,12 @@ def test_in_a_street_at_any_angle_roll_pitch_and_height_are_the_prior_s(angle_de
     assert (level.pose.roll, level.pose.pitch) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("options", "prior", "status"),
-    [
-        ({"max_iterations": 1}, {"along": 0.5}, Status.NOT_CONVERGED),
-        ({"max_iterations": 1, "step_tolerance": 1.0, "turn_tolerance": 1.0}, {"along": 0.5}, Status.LOCALIZED),
-        ({"max_iterations": 1, "step_tolerance": 0.2}, {"turn_deg": 0.5}, Status.NOT_CONVERGED),
-        ({"max_iterations": 1, "step_tolerance": 0.2}, {}, Status.LOCALIZED),
-    ],
-)
+@pytest.mark.parametrize(("options", "prior", "status"), [
+    ({"max_iterations": 1}, {"along": 0.5}, Status.NOT_CONVERGED),
+    ({"max_iterations": 1, "step_tolerance": 1.0, "turn_tolerance": 1.0}, {"along": 0.5}, Status.LOCALIZED),
+    ({"max_iterations": 1, "step_tolerance": 0.2}, {"turn_deg": 0.5}, Status.NOT_CONVERGED),
+    ({"max_iterations": 1, "step_tolerance": 0.2}, {}, Status.LOCALIZED),
+])  # fmt: skip
 def test_it_has_converged_when_neither_step_nor_turn_is_long(street, street_map, street_scan, options, prior, status):
     estimate = Icp(**options).localize(street_scan, street_map, street.prior(**prior))
     assert estimate.status == status

@@ -106,19 +106,16 @@ def test_each_start_ends_where_it_ends_alone(street, street_map, street_scan, me
         assert math.dist(alone.pose.position, end.pose.position) < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("best", "other", "status"),
-    [
-        ({}, {"x": 0.29}, Status.LOCALIZED),
-        ({}, {"x": 0.22, "y": 0.22}, Status.AMBIGUOUS),
-        ({}, {"heading": 0.3 + math.radians(0.9)}, Status.LOCALIZED),
-        ({}, {"heading": 0.3 - math.radians(1.1)}, Status.AMBIGUOUS),
-        ({}, {"x": 3.0, "status": Status.NO_MATCH}, Status.AMBIGUOUS),
-        ({"heading": math.pi - 0.001}, {"heading": -math.pi + 0.001}, Status.LOCALIZED),
-        ({"status": Status.UNDETERMINED}, {"x": 5.0}, Status.UNDETERMINED),
-        ({"status": Status.NOT_CONVERGED}, {"x": 5.0}, Status.NOT_CONVERGED),
-    ],
-)
+@pytest.mark.parametrize(("best", "other", "status"), [
+    ({}, {"x": 0.29}, Status.LOCALIZED),
+    ({}, {"x": 0.22, "y": 0.22}, Status.AMBIGUOUS),
+    ({}, {"heading": 0.3 + math.radians(0.9)}, Status.LOCALIZED),
+    ({}, {"heading": 0.3 - math.radians(1.1)}, Status.AMBIGUOUS),
+    ({}, {"x": 3.0, "status": Status.NO_MATCH}, Status.AMBIGUOUS),
+    ({"heading": math.pi - 0.001}, {"heading": -math.pi + 0.001}, Status.LOCALIZED),
+    ({"status": Status.UNDETERMINED}, {"x": 5.0}, Status.UNDETERMINED),
+    ({"status": Status.NOT_CONVERGED}, {"x": 5.0}, Status.NOT_CONVERGED),
+])  # fmt: skip
 def test_the_most_correspondences_win_and_ends_elsewhere_make_it_ambiguous(best, other, status):
     first, second = (estimate(**{"x": 0.0, "y": 0.0, "score": 9.0, **values}) for values in (best, best))
     worse = estimate(**{"x": 0.0, "y": 0.0, "score": 3.0, **other})
@@ -129,19 +126,16 @@ def test_the_most_correspondences_win_and_ends_elsewhere_make_it_ambiguous(best,
 Many = partial(MultiStart, Icp())
 
 
-@pytest.mark.parametrize(
-    ("kind", "options", "words"),
-    [
-        (Icp, {"residual": "planes"}, "'plane' or 'point', got 'planes'"),
-        (Icp, {"gate": 0.0}, "`gate` to be finite, and above 0, got 0.0. The default is 1.0."),
-        (Icp, {"gate": math.inf}, "`gate` to be finite, and above 0, got inf"),
-        (Icp, {"thinning": -0.1}, "`thinning` to be finite, and 0 or more, got -0.1"),
-        (Icp, {"max_iterations": 2.5}, "`max_iterations` to be a whole number from 1, got 2.5. The default is 100."),
-        (Gicp, {"n_neighbours": 0}, "`n_neighbours` to be a whole number from 1, got 0"),
-        (CountThenGicp, {"heading_half_width_deg": -1.0}, "`heading_half_width_deg` to be finite, and 0 or more"),
-        (Many, {"choice": "best"}, "`choice` to be 'agreement' or 'overlap', got 'best'"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "options", "words"), [
+    (Icp, {"residual": "planes"}, "'plane' or 'point', got 'planes'"),
+    (Icp, {"gate": 0.0}, "`gate` to be finite, and above 0, got 0.0. The default is 1.0."),
+    (Icp, {"gate": math.inf}, "`gate` to be finite, and above 0, got inf"),
+    (Icp, {"thinning": -0.1}, "`thinning` to be finite, and 0 or more, got -0.1"),
+    (Icp, {"max_iterations": 2.5}, "`max_iterations` to be a whole number from 1, got 2.5. The default is 100."),
+    (Gicp, {"n_neighbours": 0}, "`n_neighbours` to be a whole number from 1, got 0"),
+    (CountThenGicp, {"heading_half_width_deg": -1.0}, "`heading_half_width_deg` to be finite, and 0 or more"),
+    (Many, {"choice": "best"}, "`choice` to be 'agreement' or 'overlap', got 'best'"),
+])  # fmt: skip
 def test_options_out_of_range_are_refused(kind, options, words):
     with pytest.raises(OptionError) as refusal:
         kind(**options)

@@ -19,14 +19,11 @@ def test_legends_have_as_many_columns_as_fit(labels, expected, tmp_path):
         assert draw_legend(figure, handles, labels)._ncols == expected
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "expected"),
-    [
-        (1.8, 60.0, ["2", "5", "10", "20", "50"]),
-        (0.01, 10.0, ["≤ 0.01", "0.02", "0.05", "0.1", "0.2", "0.5", "1", "2", "5", "10"]),
-        (0.02, 50.0, ["0.1", "1", "10"]),
-    ],
-)
+@pytest.mark.parametrize(("low", "high", "expected"), [
+    (1.8, 60.0, ["2", "5", "10", "20", "50"]),
+    (0.01, 10.0, ["≤ 0.01", "0.02", "0.05", "0.1", "0.2", "0.5", "1", "2", "5", "10"]),
+    (0.02, 50.0, ["0.1", "1", "10"]),
+])  # fmt: skip
 def test_ticks_are_round_numbers(tmp_path, low, high, expected):
     with saved_figure(tmp_path / "ticks.png", 4.0, 1.0, "", "") as figure:
         axes = figure.add_subplot()

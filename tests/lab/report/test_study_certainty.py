@@ -44,14 +44,11 @@ def test_errors_are_held_to_sigmas_and_levels(tmp_path):
     assert found["notes"] == []
 
 
-@pytest.mark.parametrize(
-    ("method", "rows", "n_tables", "words"),
-    [
-        ("gicp-3m", [ANSWER, WITHHELD], 0, "no method predicts its errors here, with the prior “gnss”"),
-        ("maxcon", [ANSWER | SIGMAS], 1, "No Stanford diagram: maxcon gives no protection levels."),
-        ("maxcon", [UNREADABLE] * 2, 0, "no method predicts its errors here"),
-    ],
-)
+@pytest.mark.parametrize(("method", "rows", "n_tables", "words"), [
+    ("gicp-3m", [ANSWER, WITHHELD], 0, "no method predicts its errors here, with the prior “gnss”"),
+    ("maxcon", [ANSWER | SIGMAS], 1, "No Stanford diagram: maxcon gives no protection levels."),
+    ("maxcon", [UNREADABLE] * 2, 0, "no method predicts its errors here"),
+])  # fmt: skip
 def test_what_no_method_predicts_is_not_shown_and_the_page_says_so(tmp_path, method, rows, n_tables, words):
     found = certainty_of(tmp_path, by_prior({method: rows}), "gnss", CONFIGURED)
     assert (len(found["coverage"]), found["protection"], found["protection_pictures"]) == (n_tables, [], [])

@@ -29,15 +29,12 @@ def epoch(world):
     return world.epochs(3)[0]
 
 
-@pytest.mark.parametrize(
-    ("name", "n_columns", "elevations_deg"),
-    [
-        ("vlp-16", 1800, dict(enumerate(range(-15, 16, 2)))),
-        ("vlp-32c", 1800, {0: -25.0, 1: -15.639, 20: 0.0, 30: 10.333, 31: 15.0}),
-        ("hdl-64e", 2083, {0: -24.33, 1: -23.83, 32: -8.33, 63: 2.0}),
-        ("os1-64", 1024, {0: -22.5, 63: 22.5}),
-    ],
-)
+@pytest.mark.parametrize(("name", "n_columns", "elevations_deg"), [
+    ("vlp-16", 1800, dict(enumerate(range(-15, 16, 2)))),
+    ("vlp-32c", 1800, {0: -25.0, 1: -15.639, 20: 0.0, 30: 10.333, 31: 15.0}),
+    ("hdl-64e", 2083, {0: -24.33, 1: -23.83, 32: -8.33, 63: 2.0}),
+    ("os1-64", 1024, {0: -22.5, 63: 22.5}),
+])  # fmt: skip
 def test_layers_and_columns_by_name(name, n_columns, elevations_deg):
     scanner = ScannerLayout.parse(name).scanner()
     elevations = np.degrees(scanner.elevations)
@@ -55,19 +52,16 @@ def _angles(layout, time=0.0):
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(np.clip(z, -1.0, 1.0))), rays.offsets
 
 
-@pytest.mark.parametrize(
-    ("layout", "n_rays", "azimuths", "elevations"),
-    [
-        (ScannerLayout.OS1_128, 128 * 1024, (-180.0, 180.0), (-22.5, 22.5)),
-        (ScannerLayout.OS_DOME_128, 128 * 1024, (-180.0, 180.0), (0.0, 89.5)),
-        (ScannerLayout.XT_32, 32 * 2000, (-180.0, 180.0), (-16.0, 15.0)),
-        (ScannerLayout.PANDAR_128, 128 * 1800, (-180.0, 180.0), (-25.0, 15.0)),
-        (ScannerLayout.MID_360, 20_000, (-180.0, 180.0), (-7.0, 52.0)),
-        (ScannerLayout.AVIA, 24_000, (-35.2, 35.2), (-38.6, 38.6)),
-        (ScannerLayout.TWO_VLP_16, 2 * 28_800, (-180.0, 180.0), (-40.0, 40.0)),
-        (ScannerLayout.TWO_OS_DOME_128, 2 * 128 * 1024, (-180.0, 180.0), (-90.0, 90.0)),
-    ],
-)
+@pytest.mark.parametrize(("layout", "n_rays", "azimuths", "elevations"), [
+    (ScannerLayout.OS1_128, 128 * 1024, (-180.0, 180.0), (-22.5, 22.5)),
+    (ScannerLayout.OS_DOME_128, 128 * 1024, (-180.0, 180.0), (0.0, 89.5)),
+    (ScannerLayout.XT_32, 32 * 2000, (-180.0, 180.0), (-16.0, 15.0)),
+    (ScannerLayout.PANDAR_128, 128 * 1800, (-180.0, 180.0), (-25.0, 15.0)),
+    (ScannerLayout.MID_360, 20_000, (-180.0, 180.0), (-7.0, 52.0)),
+    (ScannerLayout.AVIA, 24_000, (-35.2, 35.2), (-38.6, 38.6)),
+    (ScannerLayout.TWO_VLP_16, 2 * 28_800, (-180.0, 180.0), (-40.0, 40.0)),
+    (ScannerLayout.TWO_OS_DOME_128, 2 * 128 * 1024, (-180.0, 180.0), (-90.0, 90.0)),
+])  # fmt: skip
 def test_fields_of_view_and_rays_of_a_tenth_of_a_second(layout, n_rays, azimuths, elevations):
     azimuth, elevation, offsets = _angles(layout)
     assert len(azimuth) == n_rays

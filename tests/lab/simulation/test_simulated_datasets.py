@@ -104,14 +104,11 @@ def test_map_clouds_are_las_1_4_with_class_time_and_crs_in_tiles(dataset):
 TWO_PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
 
 
-@pytest.mark.parametrize(
-    ("name", "words", "n_epochs", "priors", "sigma"),
-    [
-        ("dataset", "seed 3, 3 epochs.", 3, {"uniform": "prior.txt"}, 0.0),
-        ("campaign_dataset", "campaign, seed 3, 2 rounds of mapping, 7 epochs.", 7, TWO_PRIORS, None),
-        ("suburb_dataset", "suburb, seed 3, 3 epochs.", 3, TWO_PRIORS, None),
-    ],
-)
+@pytest.mark.parametrize(("name", "words", "n_epochs", "priors", "sigma"), [
+    ("dataset", "seed 3, 3 epochs.", 3, {"uniform": "prior.txt"}, 0.0),
+    ("campaign_dataset", "campaign, seed 3, 2 rounds of mapping, 7 epochs.", 7, TWO_PRIORS, None),
+    ("suburb_dataset", "suburb, seed 3, 3 epochs.", 3, TWO_PRIORS, None),
+])  # fmt: skip
 def test_it_says_what_it_is_and_has_a_pose_per_scan(request, name, words, n_epochs, priors, sigma):
     dataset = request.getfixturevalue(name)
     assert (dataset.folder / "dataset.toml").read_text().splitlines()[0].endswith(f": {words}")
@@ -220,19 +217,16 @@ def test_a_walk_is_the_same_for_the_same_seed_and_is_localized_from_level_priors
     assert answers == 3 * [(True, True)]  # tilted by 13, 17 and 22 degrees
 
 
-@pytest.mark.parametrize(
-    ("make", "wrong", "words"),
-    [
-        (simulate, {"n_epochs": 0}, "Expected at least one epoch, got n_epochs = 0"),
-        (simulate, {"seed": -1}, "Expected a seed of 0 or more, got -1"),
-        (simulate, {"before": 3.0}, "Expected a route of more than"),
-        (simulate_campaign, {"n_rounds": 0}, "Expected at least one round of mapping, got 0"),
-        (simulate_campaign, {"n_epochs": 0}, r"Expected 1 to 3001 epochs of a campaign, got n_epochs = 0\."),
-        (simulate_campaign, {"n_epochs": 10, "every": 0.25}, r"`every` to be a multiple of 0\.1 s .* got 0\.25 s"),
-        (simulate_suburb, {"n_epochs": 0}, "Expected 1 to 601 epochs of a suburb, got n_epochs = 0"),
-        (simulate_suburb, {"n_epochs": 1, "road_length": 10.0}, "Expected a road of 60 to 2000 m"),
-    ],
-)
+@pytest.mark.parametrize(("make", "wrong", "words"), [
+    (simulate, {"n_epochs": 0}, "Expected at least one epoch, got n_epochs = 0"),
+    (simulate, {"seed": -1}, "Expected a seed of 0 or more, got -1"),
+    (simulate, {"before": 3.0}, "Expected a route of more than"),
+    (simulate_campaign, {"n_rounds": 0}, "Expected at least one round of mapping, got 0"),
+    (simulate_campaign, {"n_epochs": 0}, r"Expected 1 to 3001 epochs of a campaign, got n_epochs = 0\."),
+    (simulate_campaign, {"n_epochs": 10, "every": 0.25}, r"`every` to be a multiple of 0\.1 s .* got 0\.25 s"),
+    (simulate_suburb, {"n_epochs": 0}, "Expected 1 to 601 epochs of a suburb, got n_epochs = 0"),
+    (simulate_suburb, {"n_epochs": 1, "road_length": 10.0}, "Expected a road of 60 to 2000 m"),
+])  # fmt: skip
 def test_wrong_options_are_refused(tmp_path, make, wrong, words):
     with pytest.raises(OptionError, match=words):
         make(tmp_path / "out", **wrong)
@@ -246,14 +240,11 @@ AS_HARD = {"n_epochs": 200, "every": 0.5, "is_hard": True, "seed": 4, "scanner":
 SUBURB = {"n_epochs": 200, "scanner": ScannerLayout.VLP_32C.scanner(), "overwrite": True}
 
 
-@pytest.mark.parametrize(
-    ("name", "dataset_name", "options", "asked", "parts"),
-    [
-        ("simulate", "dataset", "--changed 0.3", {"n_epochs": 40, "carrier": "car", "changed": 0.3}, OF_CITY),
-        ("simulate_campaign", "campaign_dataset", HARD, AS_HARD, [*PARTS, "odometry"]),
-        ("simulate_suburb", "suburb_dataset", "--scene suburb --scanner vlp-32c --overwrite", SUBURB, PARTS),
-    ],
-)
+@pytest.mark.parametrize(("name", "dataset_name", "options", "asked", "parts"), [
+    ("simulate", "dataset", "--changed 0.3", {"n_epochs": 40, "carrier": "car", "changed": 0.3}, OF_CITY),
+    ("simulate_campaign", "campaign_dataset", HARD, AS_HARD, [*PARTS, "odometry"]),
+    ("simulate_suburb", "suburb_dataset", "--scene suburb --scanner vlp-32c --overwrite", SUBURB, PARTS),
+])  # fmt: skip
 def test_options_go_on_and_parts_are_said(request, monkeypatch, tmp_path, name, dataset_name, options, asked, parts):
     dataset = request.getfixturevalue(dataset_name)
     simulate_it = Mock(return_value=dataset)

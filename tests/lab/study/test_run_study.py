@@ -176,14 +176,11 @@ def test_a_study_stopped_while_maps_are_built_is_gone_on_with(simulated, tried, 
     assert sorted(path.name for path in folder.iterdir()) == ["maps", "study.json", "table.parquet"]
 
 
-@pytest.mark.parametrize(
-    ("part", "change", "error", "words"),
-    [
-        ("prior", of_another_clock, TrajectoryError, "Expected poses of uniform for the scans"),
-        ("reference", of_another_clock, TrajectoryError, "Expected poses of reference for the scans"),
-        ("reference", in_another_crs, MapError, "Expected poses of reference inside the map.* in the same CRS"),
-    ],
-)
+@pytest.mark.parametrize(("part", "change", "error", "words"), [
+    ("prior", of_another_clock, TrajectoryError, "Expected poses of uniform for the scans"),
+    ("reference", of_another_clock, TrajectoryError, "Expected poses of reference for the scans"),
+    ("reference", in_another_crs, MapError, "Expected poses of reference inside the map.* in the same CRS"),
+])  # fmt: skip
 def test_another_clock_or_crs_is_said_at_once_and_may_be_mended(copied, tried, part, change, error, words):
     path = getattr(copied, part)
     right = path.read_text()
@@ -262,16 +259,13 @@ def test_methods_that_fail_are_rows_with_their_reason(tried, small_space):
     assert all(row["x"] is not None and row["kurtosis"] is None for row in rows_of(study, "negative"))
 
 
-@pytest.mark.parametrize(
-    ("chosen", "options", "words"),
-    [
-        (slice(1), {"priors": ["gnss"]}, "Expected a prior of uniform"),
-        (slice(1), {"n_epochs": 7}, "Expected 1 to 6 epochs"),
-        (slice(1), {"n_epochs": 0}, "Expected 1 to 6 epochs"),
-        (slice(0), {}, "at least one method"),
-        ([0, 0], {}, "name of its own"),
-    ],
-)
+@pytest.mark.parametrize(("chosen", "options", "words"), [
+    (slice(1), {"priors": ["gnss"]}, "Expected a prior of uniform"),
+    (slice(1), {"n_epochs": 7}, "Expected 1 to 6 epochs"),
+    (slice(1), {"n_epochs": 0}, "Expected 1 to 6 epochs"),
+    (slice(0), {}, "at least one method"),
+    ([0, 0], {}, "name of its own"),
+])  # fmt: skip
 def test_what_is_not_there_is_refused(simulated, methods, tmp_path, chosen, options, words):
     some = methods[chosen] if isinstance(chosen, slice) else [methods[number] for number in chosen]
     with pytest.raises(OptionError, match=words):

@@ -295,14 +295,11 @@ def classified(tmp_path, cloud_files, surfaces):
     return cloud_files.las(tmp_path / "classified.laz", points, classes=np.repeat(sorted(ALL_CLASSES), 100))
 
 
-@pytest.mark.parametrize(
-    ("options", "dropped"),
-    [
-        ({}, {2, 3, 4, 5, 7, 18, 22}), ({"vehicle_classes": (64,)}, {2, 3, 4, 5, 7, 18, 22, 64}),
-        ({"drop": ["Vegetation", "6"]}, {3, 4, 5, 6}), ({"drop": ["high_vegetation", "NOISE"]}, {5, 7, 18}),
-        ({"drop": ["vehicles"], "vehicle_classes": iter([64, 22])}, {22, 64}), ({"drop": []}, set()),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "dropped"), [
+    ({}, {2, 3, 4, 5, 7, 18, 22}), ({"vehicle_classes": (64,)}, {2, 3, 4, 5, 7, 18, 22, 64}),
+    ({"drop": ["Vegetation", "6"]}, {3, 4, 5, 6}), ({"drop": ["high_vegetation", "NOISE"]}, {5, 7, 18}),
+    ({"drop": ["vehicles"], "vehicle_classes": iter([64, 22])}, {22, 64}), ({"drop": []}, set()),
+])  # fmt: skip
 def test_classes_are_dropped_by_name_and_number(tmp_path, classified, options, dropped):
     manifest = build_map([classified], tmp_path / "a.map", MapOptions(**options))
     (source,) = manifest.build["sources"]

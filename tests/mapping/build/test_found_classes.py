@@ -184,18 +184,15 @@ BUILDING = np.full(200_000, 6)
 NOISE = np.where(np.arange(200_000) < 100, 7, 1)
 
 
-@pytest.mark.parametrize(
-    ("classes", "options", "left_out"),
-    [
-        (BUILDING, {"classify": "auto"}, None),
-        (BUILDING, {"classify": "off"}, None),
-        (0 * NOISE, {"classify": "auto", "cell": 0.5}, None),  # shapes cannot be told in large voxels
-        (BUILDING, {"classify": "always"}, ("2", "22")),
-        (NOISE, {"classify": "auto"}, ("2", "22")),  # noise is no classification
-        (0 * NOISE, {"classify": "auto", "drop": ("temporal-exclusion",)}, ("22",)),
-        (0 * NOISE, {"classify": "always", "drop": ()}, ()),
-    ],
-)
+@pytest.mark.parametrize(("classes", "options", "left_out"), [
+    (BUILDING, {"classify": "auto"}, None),
+    (BUILDING, {"classify": "off"}, None),
+    (0 * NOISE, {"classify": "auto", "cell": 0.5}, None),  # shapes cannot be told in large voxels
+    (BUILDING, {"classify": "always"}, ("2", "22")),
+    (NOISE, {"classify": "auto"}, ("2", "22")),  # noise is no classification
+    (0 * NOISE, {"classify": "auto", "drop": ("temporal-exclusion",)}, ("22",)),
+    (0 * NOISE, {"classify": "always", "drop": ()}, ()),
+])  # fmt: skip
 def test_when_classes_are_found_and_which_are_dropped(tmp_path, cloud_files, two_passes, classes, options, left_out):
     parts, times = two_passes
     points, times = ORIGIN + np.concatenate(parts)[::2], times[::2]

@@ -157,14 +157,11 @@ def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files):
     assert PointMap.open(tmp_path / "a.map").sigma == manifest.sigma
 
 
-@pytest.mark.parametrize(
-    ("has_times", "sigma", "wanted", "said"),
-    [
-        (True, None, 0.02, {"from": "assumed", "reason": "one pass only"}),
-        (False, None, 0.02, {"from": "assumed", "reason": "no planes of points with times"}),
-        (True, 0, 0.0, {"from": "given"}),
-    ],
-)
+@pytest.mark.parametrize(("has_times", "sigma", "wanted", "said"), [
+    (True, None, 0.02, {"from": "assumed", "reason": "one pass only"}),
+    (False, None, 0.02, {"from": "assumed", "reason": "no planes of points with times"}),
+    (True, 0, 0.0, {"from": "given"}),
+])  # fmt: skip
 def test_what_leaves_it_assumed_or_given(tmp_path, cloud_files, has_times, sigma, wanted, said):
     street = Street(drawn(1, 0.0, n_walls=10))
     path = cloud_files.npz(tmp_path / "a.npz", street.points, times=street.times if has_times else None)
