@@ -14,6 +14,10 @@ from maxcon.integrity import reasons_to_doubt_answer
 CELL = 0.06
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
+PRIOR = Pose(4.0, -3.0, 1.0, 0.0, 0.0, 0.3)
+SMALL = SearchSpace(0.3, CELL, 1.0, 0.5)
+MIDDLE = (2, 5, 5)
+FEW = np.array([4.0, 1.2, 0.0, 2.5])
 
 
 @pytest.fixture
@@ -70,11 +74,6 @@ def test_the_runner_up_is_a_ratio_of_helmert_s_scores_however_low_these_are(corn
 
 
 # --- the estimate of a best cell ----------------------------------------------------------------------
-
-PRIOR = Pose(4.0, -3.0, 1.0, 0.0, 0.0, 0.3)
-SMALL = SearchSpace(0.3, CELL, 1.0, 0.5)
-MIDDLE = (2, 5, 5)
-FEW = np.array([4.0, 1.2, 0.0, 2.5])
 
 
 def scene(cell, n_matching=4, n_points=16):

@@ -18,6 +18,7 @@ from maxcon.search import Weighting
 CELL = 0.06
 TRUTH = Pose(5.0, -3.0, 1.5, 0.01, -0.02, 0.7)
 SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
+EMPTY = np.empty((0, 3))
 
 
 def corner(noise_deg=0.0, seed=0, density=1):
@@ -189,9 +190,6 @@ def test_wider_spaces_double_until_the_widest(half_width, turn_deg, wider, wides
     spaces = list(method._wider_spaces())
     assert [(space.half_width, space.heading_half_width_deg) for space in spaces] == wanted
     assert all(space.is_open for space in spaces)
-
-
-EMPTY = np.empty((0, 3))
 
 
 @pytest.mark.parametrize("objective", [Count(), Helmert()])

@@ -30,6 +30,7 @@ if sys.platform == "win32":
 MORE = int(os.environ.get("MAXCON_KILLS", "1"))
 FEW, SOME = MORE, 2 * MORE
 """Rounds, of one to three kills each."""
+OVERWRITE = ("--overwrite",)
 
 
 # --- what each command writes, and what of it is whole ---------------------------------------------------------
@@ -63,9 +64,6 @@ def export_to(name):
         return "export", folder.parent / "poses.csv", "--crs", "EPSG:25832", *scans, "-o", folder / name
 
     return export
-
-
-OVERWRITE = ("--overwrite",)
 
 
 class Writer(NamedTuple):

@@ -23,6 +23,7 @@ COMMANDS = (
     "map", "map build", "map info", "map align", "map update", "map copy", "scans", "scans info", "localize",
     "relocalize", "export", "simulate", "study", "report", "demo", "warmup",
 )  # fmt: skip
+GROUPED = ("localize", "relocalize", "study", "map build", "map align")
 
 
 def test_nothing_heavy_is_loaded_before_it_is_needed(maxcon_in_process_of_its_own):
@@ -60,9 +61,6 @@ def test_commands_are_completed_in_a_shell():
     asked = os.environ | {"_MAXCON_COMPLETE": "complete_bash", "COMP_WORDS": "maxcon reloc", "COMP_CWORD": "1"}
     command = Path(sys.executable).parent / "maxcon"
     assert subprocess.run([command], env=asked, capture_output=True, text=True).stdout == "relocalize\n"
-
-
-GROUPED = ("localize", "relocalize", "study", "map build", "map align")
 
 
 @pytest.mark.parametrize("command", GROUPED)

@@ -22,6 +22,7 @@ from towns import Town
 TIMES = [10.0 + 0.2 * epoch for epoch in range(N_SCANS)]
 METHOD = MaximumConsensus(SearchSpace(1.5, CELL, 1.0, 0.5))
 ELSEWHERE = Pose(-3.0, 40.0, 2.0, 0.0, 0.0, 1.2)
+HERE, THERE = (-12.0, 12.0, 0.4), (18.0, -9.0, 2.0)
 
 
 class Court(Scans):
@@ -330,9 +331,6 @@ class Walk:
         """Where it is so many steps after HERE."""
         pose = town.pose(*HERE) @ Pose(0.3 * steps, 0.0, 0.0, 0.0, 0.0, 0.0)
         return pose.x, pose.y, pose.heading
-
-
-HERE, THERE = (-12.0, 12.0, 0.4), (18.0, -9.0, 2.0)
 
 
 def test_it_starts_lost_is_carried_away_and_found_again(town):

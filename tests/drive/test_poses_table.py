@@ -19,6 +19,7 @@ from maxcon.errors import FileError, OptionError
 from maxcon.io.trajectories import read_trajectory
 
 SOME = np.random.default_rng(0).normal(0.0, 0.03, (9, 6))
+UNREADABLE = Path("/proc/self/mem")
 
 
 def sure_epoch(number, status=Status.LOCALIZED):
@@ -170,9 +171,6 @@ def test_rows_are_those_of_the_table_of_poses_before_rounding(tmp_path, path):
         formats = poses_table.FORMATS
         rounded = {name: "" if value is None else format(value, formats[name]) for name, value in numbers.items()}
         assert rounded == cells
-
-
-UNREADABLE = Path("/proc/self/mem")
 
 
 @pytest.mark.skipif(not UNREADABLE.exists(), reason="no file here that is there and cannot be read")

@@ -18,6 +18,8 @@ PORCH = 40.0
 SIGHT = 15.0
 """How far along the street the scanner sees, m."""
 CELL = 0.06
+OFF = (0.9, -0.6, 0.0)
+"""The prior is that far off, m."""
 
 
 def _wall(corner, along, height=3.0):
@@ -86,10 +88,6 @@ def is_right(pose, x, distance=0.1):
     true = where(x)
     turn = abs(wrap_angle(pose.heading - true.heading))
     return math.hypot(pose.x - true.x, pose.y - true.y) < distance and turn < math.radians(1.0)
-
-
-OFF = (0.9, -0.6, 0.0)
-"""The prior is that far off, m."""
 
 
 def prior_at(x, off=OFF):

@@ -27,6 +27,8 @@ POSES = [
     None,
     Pose(550_010.0, 5_802_001.0, 61.5, -0.03, 0.004, -3.0),
 ]
+LOCALIZED = [POSES[0], POSES[2]]
+POSITIONS = [pose.position for pose in LOCALIZED]
 
 
 def rows_of_a_drive():
@@ -102,10 +104,6 @@ def back_in_crs(*lonlats):
     """Positions in the CRS of the poses, from longitude and latitude."""
     transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
     return [transformer.transform(*map(float, lonlat)) for lonlat in lonlats]
-
-
-LOCALIZED = [POSES[0], POSES[2]]
-POSITIONS = [pose.position for pose in LOCALIZED]
 
 
 def test_geojson(table, tmp_path):

@@ -23,6 +23,10 @@ from maxcon.errors import FileError
 
 pytestmark = pytest.mark.fuzzing
 SEED = Seed("made here", "times", "times.txt", b"1.5\n2.5\n")
+HARMS = {
+    "hangs": lambda: time.sleep(600), "ends": os.abort, "asks": lambda: bytearray(2**34),
+    "takes": lambda: b"x" * (2**30 + 2**27),
+}  # fmt: skip
 
 
 def test_seeds_are_read_and_inputs_of_them_are_the_same_each_time(tmp_path):
@@ -62,12 +66,6 @@ def test_what_is_raised_is_told_apart(monkeypatch, tmp_path, error, said):
     monkeypatch.setitem(READERS, "times", read)
     assert outcome(SEED, SEED.data, tmp_path).startswith(said)
     assert list(tmp_path.iterdir()) == []
-
-
-HARMS = {
-    "hangs": lambda: time.sleep(600), "ends": os.abort, "asks": lambda: bytearray(2**34),
-    "takes": lambda: b"x" * (2**30 + 2**27),
-}  # fmt: skip
 
 
 def harmful_work(told, harm, folder):

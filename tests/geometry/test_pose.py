@@ -16,6 +16,8 @@ from maxcon.geometry.arrays import as_points, first_covariance_fault
 from maxcon.geometry.pose import INDEX_LIMIT
 
 ANGLE = st.floats(-math.pi, math.pi)
+UTM = LocalFrame((458_800.0, 5_429_000.0, 100.0), "EPSG:25832")
+GOOD = np.diag([1.0, 0.0, 1e-6])
 
 
 @given(st.floats(-1e6, 1e6))
@@ -82,9 +84,6 @@ def test_poses_are_put_together_as_matrices_are(angles, x):
     np.testing.assert_allclose((first.inverse @ first).position, 0.0, atol=1e-9)
 
 
-UTM = LocalFrame((458_800.0, 5_429_000.0, 100.0), "EPSG:25832")
-
-
 @given(st.integers(0, 2**32))
 def test_utm_coordinates_come_back(seed):
     points = np.array(UTM.origin) + np.random.default_rng(seed).uniform(-5000, 5000, (50, 3))
@@ -137,9 +136,6 @@ def test_indices_end_where_int32_would_not_hold_a_window(sign, axis):
         voxel_indices(points, 0.5)
     with np.errstate(over="ignore"), pytest.raises(ArrayError, match="of the local origin"):
         voxel_indices(np.array([[1e308, 0.0, 0.0]]), 0.06)
-
-
-GOOD = np.diag([1.0, 0.0, 1e-6])
 
 
 @pytest.mark.parametrize(("points", "words"), [

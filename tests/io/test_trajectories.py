@@ -13,6 +13,8 @@ from maxcon.scan.trajectory import Trajectory
 
 TUM_LINE = "47452.193478 458888.4217 5429081.5413 115.0739 0 0 0.6 0.8\n"
 HEADER = "time,x,y,z,roll,pitch,heading\n"
+SIGMAS = HEADER.strip() + ",sigma_x,sigma_y,sigma_heading_deg\n"
+COVARIANCES = HEADER.strip() + ",cov_x_x,cov_x_y,cov_x_heading,cov_y_y,cov_y_heading,cov_heading_heading,cov_z_z\n"
 
 
 def sample(n=5, covariances=None):
@@ -67,10 +69,6 @@ def test_csv_takes_extra_columns_any_order_and_leaves_out_epochs_not_localized(t
     np.testing.assert_array_equal(got.times, [1.0, 3.0])
     np.testing.assert_array_equal(got.positions[0], [458888.5, 5429081.25, 115.0])
     np.testing.assert_allclose(got.angles, [[0.01, 0.02, np.radians(-179)], [0.01, 0.02, np.radians(30)]], atol=1e-15)
-
-
-SIGMAS = HEADER.strip() + ",sigma_x,sigma_y,sigma_heading_deg\n"
-COVARIANCES = HEADER.strip() + ",cov_x_x,cov_x_y,cov_x_heading,cov_y_y,cov_y_heading,cov_heading_heading,cov_z_z\n"
 
 
 def test_csv_takes_standard_deviations_covariances_in_any_order_and_rows_without(tmp_path):

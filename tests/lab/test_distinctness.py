@@ -20,6 +20,7 @@ ALONG_Y = (9.0, 0.0, 0.0)
 ALONG_X = (0.0, 0.0, 9.0)  # Nxx, Nxy, Nyy of facades along x: they leave x open
 ROOT_2 = math.sqrt(2.0)
 LAPLACE = np.exp(-ROOT_2 * np.abs(np.arange(-5, 5)))
+NO_DIRECTION = ((0.0, 0.0, 0.0), (4.0, 0.0, 4.0))
 
 
 def made(scores, normal_sums=ALONG_X, space=SPACE):
@@ -155,9 +156,6 @@ def test_scores_that_have_no_shares_are_refused(value, words):
 
 
 # --- the significant ray --------------------------------------------------------------------------------
-
-
-NO_DIRECTION = ((0.0, 0.0, 0.0), (4.0, 0.0, 4.0))
 
 
 @pytest.mark.parametrize("cell", [(1, 3, 6), (1, 0, 0), (1, 0, 9), (1, 9, 0), (1, 9, 9)])

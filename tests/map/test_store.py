@@ -24,6 +24,10 @@ from maxcon.map.store import MapWriter, classes_record, tile_record
 from written_maps import SAID, assert_same_map, damage, edit_index, edit_manifest, said_by, table_of, tile_shard, write
 
 CELL = 0.06
+SHARD = {"name": "tiles/00000-0.arrows", "bytes": 350}
+JUNK = st.sampled_from(
+    [None, True, False, 0, -1, 1.5, 1e400, float("nan"), 10**30, "", "x", "nan", [], [1], [[]], {}, {"a": 1}]
+)
 
 
 def test_what_is_written_is_what_is_opened(tmp_path, in_memory):
@@ -177,9 +181,6 @@ def test_what_is_written_is_what_is_read(path):
     assert (bare.crs, bare.build, len(bare.ground)) == (None, {}, 0)
 
 
-SHARD = {"name": "tiles/00000-0.arrows", "bytes": 350}
-
-
 def with_tiles(**changes):
     """Change what the manifest says of the tiles; `...` leaves an entry out."""
     return lambda content: content["sections"]["tiles"].update(changes)
@@ -251,11 +252,6 @@ def test_what_is_no_map_says_what_it_is(tmp_path):
         with pytest.raises(MapError) as refused:
             PointMap.open(tmp_path / name)
         assert words in str(refused.value)
-
-
-JUNK = st.sampled_from(
-    [None, True, False, 0, -1, 1.5, 1e400, float("nan"), 10**30, "", "x", "nan", [], [1], [[]], {}, {"a": 1}]
-)
 
 
 def paths_of(content, path=()):

@@ -14,6 +14,7 @@ from towns import HEIGHT, Town
 
 FEW = coarse_filter.HEADINGS[::15]
 T_GROUND_SENSOR = Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0)
+TOWNS = [((0.0, 0.0), 1), ((130.0, -20.0), 5), ((-251.3, 118.8), 9)]
 
 
 def coarse_scan(town, truth, seed, n_points, thinning=2.0):
@@ -45,9 +46,6 @@ def assert_as_defined(scan, regions, ratio, fewest=1.0, **options):
     assert np.array_equal(found.counts, wanted.counts)
     assert found.left_out == wanted.left_out
     return found
-
-
-TOWNS = [((0.0, 0.0), 1), ((130.0, -20.0), 5), ((-251.3, 118.8), 9)]
 
 
 @pytest.fixture(scope="module")

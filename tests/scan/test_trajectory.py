@@ -18,6 +18,8 @@ UTM = np.array([458888.4217, 5429081.5413, 115.0739])
 ANGLE = st.floats(-math.pi, math.pi)
 STEEP = st.floats(-math.pi / 2, math.pi / 2)
 IDENTITY, KNOWN = (0.0, 0.0, 0.0, 1.0), np.eye(3)
+OUTSIDE = r"within the trajectory, 0\.0+ to 1\.0+ s, got .* from the nearest pose\..*clock"
+UNKNOWN = np.full((3, 3), np.nan)
 
 
 def drive(times, positions=None):
@@ -107,9 +109,6 @@ def test_wrong_shapes_are_refused(arguments, words):
         Trajectory.from_poses([], [])
 
 
-OUTSIDE = r"within the trajectory, 0\.0+ to 1\.0+ s, got .* from the nearest pose\..*clock"
-
-
 @pytest.mark.parametrize(("time", "max_gap", "error", "words"), [
     *((time, 10.0, TrajectoryError, OUTSIDE) for time in (-0.01, 1.01, 1.7e9)),
     (math.nan, 0.5, TrajectoryError, "finite time"),
@@ -187,9 +186,6 @@ def test_positions_at_agrees_with_at():
 def known_drive(covariances):
     times = np.arange(len(covariances), dtype=float)
     return Trajectory(times, np.outer(times, [1.0, 0.0, 0.0]), np.tile(IDENTITY, (len(times), 1)), covariances)
-
-
-UNKNOWN = np.full((3, 3), np.nan)
 
 
 def test_covariances_are_linear_between_poses_and_may_be_unknown():

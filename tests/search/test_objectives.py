@@ -21,6 +21,14 @@ from maxcon.search.accumulator import CONTRIBUTION_STEP, ROUNDER, cells_of, chec
 from maxcon.search.objectives import OBJECTIVES, Checked, as_objective
 
 VALUES = st.floats(-1e12, 1e12) | st.sampled_from([0.0, 1e-300, -1e-300, 1e-30, 5e-324, 1.0, 2.0**-24, 1e100])
+CELL = 0.06
+PLACE, X = [[0.01, 0.01, 0.01]], [[1.0, 0.0, 0.0]]
+POINT_MAP = PointMap.from_points(PLACE, X, CELL)
+PRIOR = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
+FAR = PRIOR.translated([1e9, 0.0, 0.0])
+NARROW = r"at most (67,108,864|100,000) cells .* got .*\. Narrow the search space"
+MODULES = [f"maxcon.search.{module.name}" for module in pkgutil.iter_modules(maxcon.search.__path__)]
 
 
 def moments_of(normals, weights):
@@ -152,13 +160,6 @@ def test_scores_that_are_not_are_refused(score, words):
         Checked(OwnObjective(score)).score(np.ones((2, 3, 4)))
 
 
-CELL = 0.06
-PLACE, X = [[0.01, 0.01, 0.01]], [[1.0, 0.0, 0.0]]
-POINT_MAP = PointMap.from_points(PLACE, X, CELL)
-PRIOR = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
-
-
 def test_matches_are_rounded_to_whole_steps_and_half_a_billion_add_up_exactly():
     n_matches = 2.0**29
     assert np.spacing(n_matches - 1.0) == CONTRIBUTION_STEP
@@ -198,10 +199,6 @@ def bounded(*arguments, **options):
 
 def matched(*arguments):
     return consensus_set(*arguments, (0, 0, 0))
-
-
-FAR = PRIOR.translated([1e9, 0.0, 0.0])
-NARROW = r"at most (67,108,864|100,000) cells .* got .*\. Narrow the search space"
 
 
 @pytest.mark.parametrize(("searches", "prior", "space", "options", "error", "words"), [
@@ -248,9 +245,6 @@ def test_answers_can_be_compared():
     ):
         one = make()
         assert one == one and one != make()
-
-
-MODULES = [f"maxcon.search.{module.name}" for module in pkgutil.iter_modules(maxcon.search.__path__)]
 
 
 @pytest.mark.parametrize("name", [*MODULES, "maxcon.cell_search", "maxcon.estimate", "maxcon.integrity"])

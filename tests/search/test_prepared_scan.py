@@ -18,6 +18,7 @@ CELL = 0.25
 TILE = TILE_VOXELS * CELL
 SPACE = SearchSpace(2.0, CELL, 2.0, 0.5)
 SIDES = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
+END = 2.0**30 * CELL  # indices end there
 
 
 def random_scan(rng, n_points, spread, height):
@@ -86,9 +87,6 @@ def test_groups_are_of_one_square_and_layer_and_have_their_tiles(seed, n_points,
         row, column = divmod(slot, prepared.shape[1])
         assert (prepared.corner[0] + column, prepared.corner[1] + row) == tile.key
         assert row < prepared.shape[0]
-
-
-END = 2.0**30 * CELL  # indices end there
 
 
 @pytest.mark.parametrize(

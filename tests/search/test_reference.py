@@ -19,6 +19,7 @@ SMALL = SearchSpace(0.3, CELL, 0.0, 0.5)  # 10 x 10 cells
 STREET = math.radians(31.0)
 X, SLANTED = [1.0, 0.0, 0.0], [0.6, 0.0, 0.8]
 MULTIPLICITIES = ("points", "occupied")
+PLACES = [[0.03, 0.03, 0.03]] * 7
 
 
 def by_pairs(scene, prior, space, multiplicity):
@@ -235,9 +236,6 @@ def matches(places, n_scan, n_map, *, is_signed=True, **options):
     voxels = reference.voxels(scan, point_map, HERE, ONE_CELL, **options).moments
     np.testing.assert_allclose(pairs, voxels, atol=1e-6)
     return pairs[0, 0, 0]
-
-
-PLACES = [[0.03, 0.03, 0.03]] * 7
 
 
 def one_match(n_scan, n_map, **options):

@@ -13,6 +13,13 @@ from maxcon.errors import SearchSpaceError
 from maxcon.search.space import MOST_STEPS, _n_steps, rounded_up
 
 PRIOR = Pose(458_888.42, 5_429_081.54, 115.07, 0.02, -0.03, 3.1)
+VARIANCES = st.one_of(st.just(0.0), st.floats(1e-6, 400.0))
+ANGLE_VARIANCES = st.one_of(st.just(0.0), st.floats(1e-8, 0.5))
+FACTORS = st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9)
+STEPS = st.floats(0.05, 5.0)
+SMALLEST = {"smallest_half_width": 1.0, "smallest_heading_half_width_deg": 1.5, "largest_half_width": 24.0}
+LARGEST = {"largest_half_width": 3.0, "largest_heading_half_width_deg": 2.2}
+STEPPED = {"cell": 0.06, "heading_step_deg": 0.5}
 
 
 def test_the_papers_space_headings_alone_and_one_pose_alone():
@@ -87,12 +94,6 @@ def test_what_is_refused(arguments, words):
     assert isinstance(caught.value, MaxconError) and isinstance(caught.value, ValueError)
 
 
-VARIANCES = st.one_of(st.just(0.0), st.floats(1e-6, 400.0))
-ANGLE_VARIANCES = st.one_of(st.just(0.0), st.floats(1e-8, 0.5))
-FACTORS = st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9)
-STEPS = st.floats(0.05, 5.0)
-
-
 def _full(factors, variances):
     """A covariance with these variances, correlated as the product of a matrix of factors with its transpose."""
     factors = np.reshape(factors, (3, 3)) + 0.01 * np.eye(3)
@@ -134,11 +135,6 @@ def test_half_widths_of_a_covariance_are_rounded_up_and_no_wider(xx, yy, hh, k, 
     assert turn_deg - 1e-6 <= space.heading_half_width_deg <= turn_deg + step_deg + 1e-6
     assert (space.half_width == 0.0) == (max(xx, yy) == 0.0)
     assert (space.heading_half_width_deg == 0.0) == (hh == 0.0)
-
-
-SMALLEST = {"smallest_half_width": 1.0, "smallest_heading_half_width_deg": 1.5, "largest_half_width": 24.0}
-LARGEST = {"largest_half_width": 3.0, "largest_heading_half_width_deg": 2.2}
-STEPPED = {"cell": 0.06, "heading_step_deg": 0.5}
 
 
 @pytest.mark.parametrize(("variances", "options", "half_width", "turn_deg"), [

@@ -13,6 +13,9 @@ from maxcon.io.clouds.records import ORDERS, TYPES
 from read_clouds import POINTS, assert_all_there, read_cloud
 
 ENCODINGS = ORDERS | {"ascii": "="}
+XYZ = [("double", "x"), ("double", "y"), ("double", "z")]
+HEAD = "ply\nformat ascii 1.0\n"
+THREE = "property float x\nproperty float y\nproperty float z\n"
 
 
 def ply(encoding, properties, columns, before="", after="", body_before=b"", body_after=b"", end="\n"):
@@ -39,9 +42,6 @@ def read_bytes(tmp_path, content, max_points=1_000_000):
     path = tmp_path / "a.ply"
     path.write_bytes(content)
     return read_cloud(path, max_points)
-
-
-XYZ = [("double", "x"), ("double", "y"), ("double", "z")]
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -102,10 +102,6 @@ def test_other_elements_are_passed_over_but_for_lists_up_to_the_vertices(tmp_pat
     for content, name in ((before, "face"), (within, "vertex")):
         with pytest.raises(FileError, match=rf"a\.ply to be .*a list in '{name}': export the points alone"):
             read_bytes(tmp_path, content)
-
-
-HEAD = "ply\nformat ascii 1.0\n"
-THREE = "property float x\nproperty float y\nproperty float z\n"
 
 
 @pytest.mark.parametrize(("content", "words"), [

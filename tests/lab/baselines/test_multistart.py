@@ -15,6 +15,7 @@ from maxcon.errors import OptionError
 from maxcon.lab.baselines import Choice, CountThenGicp, Gicp, Icp, MultiStart
 
 CENTRE = Pose(10.0, 20.0, 1.5, 0.01, 0.02, 0.3)
+Many = partial(MultiStart, Icp())
 
 
 def estimate(x, y, score, status=Status.LOCALIZED, heading=0.3):
@@ -121,9 +122,6 @@ def test_the_most_correspondences_win_and_ends_elsewhere_make_it_ambiguous(best,
     worse = estimate(**{"x": 0.0, "y": 0.0, "score": 3.0, **other})
     chosen = MultiStart(Icp()).choose([worse, first, second])
     assert (chosen.status, chosen.pose, chosen.score) == (status, first.pose, 9.0)
-
-
-Many = partial(MultiStart, Icp())
 
 
 @pytest.mark.parametrize(("kind", "options", "words"), [

@@ -22,6 +22,9 @@ from maxcon.lab.simulation.drive import (
 from maxcon.lab.simulation.streets import CAMPAIGN_GRID, circuit_through, route_over_crossing
 
 ROUTE = route_over_crossing(0.5, 60.0, 40.0)
+DRIVE = drive_along(route_over_crossing(0.3, 60.0, 40.0), 1, start_time=100.0)
+TIMES = np.arange(100.0, DRIVE.times[-1], 0.1)
+TRUE = DRIVE.poses(TIMES)
 
 
 @pytest.fixture(scope="module")
@@ -92,10 +95,6 @@ def test_a_round_waits_as_often_as_told_and_lasts_as_long_as_asked(circuit):
 
 
 # --- poses as vehicles measure them ---------------------------------------------------------------------------
-
-DRIVE = drive_along(route_over_crossing(0.3, 60.0, 40.0), 1, start_time=100.0)
-TIMES = np.arange(100.0, DRIVE.times[-1], 0.1)
-TRUE = DRIVE.poses(TIMES)
 
 
 @pytest.fixture(scope="module")

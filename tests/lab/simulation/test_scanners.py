@@ -9,6 +9,9 @@ from maxcon.lab.simulation import ScannerLayout
 from maxcon.lab.simulation.drive import Drive
 from maxcon.lab.simulation.scanners import DeskewErrors, RosetteScanner, RotatingScanner, scan_moving
 
+NONE = DeskewErrors(0.0, 0.0, 0.0)
+NOISE_FREE = RotatingScanner(azimuth_step_deg=1.0, noise=0.0, dropout=0.0)
+
 
 def _distances_to_hit_planes(returns, caster):
     """Signed distance of each point from the plane of the triangle it hit, and the cosine of incidence."""
@@ -115,10 +118,6 @@ def test_noise_dropouts_and_ranges_are_as_stated(world, epoch):
     assert 5.0 - 0.1 <= ranges.min() <= ranges.max() <= 20.0 + 0.1
     full = world.scan(epoch, RotatingScanner(dropout=0.0, min_range=5.0, max_range=20.0))
     assert np.isclose(len(returns.points) / len(full.points), 0.9, atol=0.02)
-
-
-NONE = DeskewErrors(0.0, 0.0, 0.0)
-NOISE_FREE = RotatingScanner(azimuth_step_deg=1.0, noise=0.0, dropout=0.0)
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,12 @@ PROFILES = {
     for name, rate, n in (("campaign", 20.0, 120), ("suburb", 60.0, 600))
 }
 CAMPAIGN = {**THINNEST, "n_epochs": 7, "seed": 3, "n_rounds": 2, "mapping_scanners": PROFILES["campaign"]}
+TWO_PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
+PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
+OF_CITY = ["map clouds", "mapping", "map sigma", "scans", "reference", "prior"]
+HARD = "--campaign --hard --epochs 200 --every 0.5 --seed 4 --scanner os1-64"
+AS_HARD = {"n_epochs": 200, "every": 0.5, "is_hard": True, "seed": 4, "scanner": ScannerLayout.OS1_64.scanner()}
+SUBURB = {"n_epochs": 200, "scanner": ScannerLayout.VLP_32C.scanner(), "overwrite": True}
 
 
 @pytest.fixture(scope="module")
@@ -99,9 +105,6 @@ def test_map_clouds_are_las_1_4_with_class_time_and_crs_in_tiles(dataset):
     assert {LasClass.GROUND, LasClass.BUILDING, LasClass.VEHICLE} <= set(classes) <= set(LasClass)
     origins = read_trajectory(dataset.map_trajectory).positions_at(times)
     assert np.linalg.norm(points - origins, axis=1).max() < 60.2
-
-
-TWO_PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
 
 
 @pytest.mark.parametrize(("name", "words", "n_epochs", "priors", "sigma"), [
@@ -231,13 +234,6 @@ def test_wrong_options_are_refused(tmp_path, make, wrong, words):
     with pytest.raises(OptionError, match=words):
         make(tmp_path / "out", **wrong)
     assert list(tmp_path.iterdir()) == []
-
-
-PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
-OF_CITY = ["map clouds", "mapping", "map sigma", "scans", "reference", "prior"]
-HARD = "--campaign --hard --epochs 200 --every 0.5 --seed 4 --scanner os1-64"
-AS_HARD = {"n_epochs": 200, "every": 0.5, "is_hard": True, "seed": 4, "scanner": ScannerLayout.OS1_64.scanner()}
-SUBURB = {"n_epochs": 200, "scanner": ScannerLayout.VLP_32C.scanner(), "overwrite": True}
 
 
 @pytest.mark.parametrize(("name", "dataset_name", "options", "asked", "parts"), [

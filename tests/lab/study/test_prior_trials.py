@@ -15,6 +15,8 @@ from maxcon.lab.study.methods import MAP_VARIANTS
 from study_tables import study_table
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
+NEAR = prior_trials.prior_level(3.0, 2.0)
+REFERENCE = Pose(100.0, -50.0, 2.0, 0.01, -0.02, 1.0)
 
 
 def row(method, epoch=0, level="12 m, 10°", *, good=True, right=True, distance=0.1, ms=10.0):
@@ -66,10 +68,6 @@ def test_a_folder_of_other_trials_is_refused(benchmark_module, tmp_path):
     benchmark_module.check_same(tmp_path, benchmark_module.settings_of([level("12:10")], 0))
     with pytest.raises(OptionError, match="same methods and seed"):
         benchmark_module.check_same(tmp_path, benchmark_module.settings_of([level("1:1")], 1))
-
-
-NEAR = prior_trials.prior_level(3.0, 2.0)
-REFERENCE = Pose(100.0, -50.0, 2.0, 0.01, -0.02, 1.0)
 
 
 def test_priors_are_within_their_level_and_only_in_x_y_and_heading():

@@ -17,6 +17,8 @@ from maxcon.mapping.build.sources import open_headers
 
 PRIOR = np.repeat([0.1, math.radians(0.05)], 3)
 SIGMAS = np.repeat([0.003, math.radians(0.01)], 3)
+TIMES = np.array([7.2, 8.9, 9.1, 100.4, 101.2, 160.0])
+POINTS = np.arange(18.0).reshape(6, 3)
 
 
 def campaign(seed, n_passes=4, duration=60, drift=0.0, every=4, noise=1.0):
@@ -152,10 +154,6 @@ def test_the_datum_is_the_mean_of_the_priors_and_larger_noise_makes_all_less_sur
     assert mean < alignment.datum_sigma(passes, adjust(Equations(none, constraints), PRIOR, 0.0)) < 2.0 * mean
     _passes, none, _true, constraints = campaign(7, noise=3.0)
     assert adjust(Equations(none, constraints), PRIOR, 0.0).inflation == pytest.approx(3.0, rel=0.15)
-
-
-TIMES = np.array([7.2, 8.9, 9.1, 100.4, 101.2, 160.0])
-POINTS = np.arange(18.0).reshape(6, 3)
 
 
 def silent(step, done, total):

@@ -17,6 +17,8 @@ from maxcon.map.store import MapWriter
 from maxcon.mapping.build import MapOptions, build_map
 from maxcon.mapping.build.options import class_name, parse_classes
 
+ALL_CLASSES = {1, 2, 3, 4, 5, 6, 7, 18, 22, 64}
+
 
 @pytest.mark.parametrize("kind", ["npz", "ply", "las", "laz"])
 def test_voxels_are_those_of_the_same_points_in_memory(tmp_path, cloud_files, scene, kind):
@@ -206,9 +208,6 @@ def test_own_normals_whose_side_is_not_known_are_fitted_anew_or_turned_by_a_traj
     assert np.median(axis_errors_deg(normals, true[0])[normals.any(axis=1)]) < 3.0
     normals = PointMap.open(tmp_path / "b.map").all_voxels()[2]
     np.testing.assert_allclose(normals, np.tile([0.0, -1.0, 0.0], (len(normals), 1)), atol=1e-6)
-
-
-ALL_CLASSES = {1, 2, 3, 4, 5, 6, 7, 18, 22, 64}
 
 
 def test_the_crs_of_the_sources_is_the_maps(tmp_path, cloud_files, some_points):

@@ -16,6 +16,8 @@ from maxcon.mapping.build.tiles import TileJob, TileMaker
 CELL = 0.06
 ORIGIN = np.array([458_800.0, 5_429_000.0, 100.0])
 STANDING, GROUND, TEMPORARY = 1, 2, 22
+BUILDING = np.full(200_000, 6)
+NOISE = np.where(np.arange(200_000) < 100, 7, 1)
 
 
 def box(low, high, spacing=0.05):
@@ -178,10 +180,6 @@ def test_the_ground_is_the_same_from_the_tile_beside(tmp_path):
     left, right = (ground_heights(lowest.get, key, CELL, 4) for key in ((0, 0), (1, 0)))
     np.testing.assert_allclose(left[:, -8:], right[:, :8], atol=1e-9)
     assert np.isfinite(left[4:30]).all()
-
-
-BUILDING = np.full(200_000, 6)
-NOISE = np.where(np.arange(200_000) < 100, 7, 1)
 
 
 @pytest.mark.parametrize(("classes", "options", "left_out"), [

@@ -19,6 +19,7 @@ if sys.platform == "win32":
     pytest.skip("no POSIX signals to kill a worker with", allow_module_level=True)
 
 CELL, N_POINTS = 0.06, 123_000
+OPTIONS = {"plain": MapOptions(classify="off"), "classes found": MapOptions(classify="always")}
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +40,6 @@ def street():
 @pytest.fixture
 def cloud(street, cloud_files, tmp_path):
     return cloud_files.las(tmp_path / "street.laz", street[0], times=street[1])
-
-
-OPTIONS = {"plain": MapOptions(classify="off"), "classes found": MapOptions(classify="always")}
 
 
 @pytest.fixture(scope="module", params=OPTIONS)

@@ -15,16 +15,14 @@ from maxcon.mapping.update.ray_kernels import add_observation, are_far_from_voxe
 CELL = 0.1
 MARGIN = 0.15
 WEIGHTS = (0.85, -0.4, -2.0, 3.5)
+FRONT = {"voxel": (50, 0, 10), "mean": (5.03, 0.05, 1.05), "normal": (-1.0, 0.0, 0.0)}
+BUSH = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 0.0, 0.0)}
+SIDE = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 1.0, 0.0)}
 
 
 def is_missed(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.2, reach=50.0):
     arrays = (np.array([values]) for values in (voxel, mean, normal))
     return bool(is_miss(np.array(origin), np.array(end), *arrays, CELL, margin, least_cosine, reach)[0])
-
-
-FRONT = {"voxel": (50, 0, 10), "mean": (5.03, 0.05, 1.05), "normal": (-1.0, 0.0, 0.0)}
-BUSH = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 0.0, 0.0)}
-SIDE = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 1.0, 0.0)}
 
 
 @pytest.mark.parametrize(("origin", "end", "more", "expected"), [
