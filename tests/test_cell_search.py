@@ -34,8 +34,7 @@ def corner():
 def test_the_search_that_is_asked_for_is_made_and_only_open_spaces_coarse_to_fine(corner, monkeypatch):
     bounded, exhaustive = (MaximumConsensus(search=name).cell_search for name in ("branch-and-bound", "exhaustive"))
     is_open = SearchSpace(1.0, heading_half_width_deg=2.0)
-    assert bounded.is_coarse_to_fine(is_open)
-    assert not exhaustive.is_coarse_to_fine(is_open)
+    assert bounded.is_coarse_to_fine(is_open) and not exhaustive.is_coarse_to_fine(is_open)
     assert not bounded.is_coarse_to_fine(is_open.at(CELL))
     bounded, exhaustive = (MaximumConsensus(SPACE, search=by).cell_search for by in ("branch-and-bound", "exhaustive"))
     with monkeypatch.context() as patched:
@@ -73,9 +72,7 @@ def test_the_runner_up_is_a_ratio_of_helmert_s_scores_however_low_these_are(corn
     assert estimate.runner_up == pytest.approx(runner_up)
 
 
-# --- the estimate of a best cell ----------------------------------------------------------------------
-
-
+# --- the estimate of a best cell ---
 def scene(cell, n_matching=4, n_points=16):
     """Points of which the first few lie in voxels of three map points, and the others in none, at a cell."""
     pose = SMALL.pose(cell, PRIOR)
@@ -119,8 +116,7 @@ def test_what_is_known_of_the_cell_is_passed_on():
     np.testing.assert_allclose(estimate.cofactor, [[1 / 1.2, 0.0], [0.0, 1 / 2.5]])
     assert judged(replace(best, runner_up=0.9)).status is Status.AMBIGUOUS
     (words,) = reasons_to_doubt_answer(FEW)  # few matches in a direction: only where matches are what is counted
-    assert words in estimate.reason
-    assert words not in judged(best, "points").reason
+    assert words in estimate.reason and words not in judged(best, "points").reason
 
 
 @pytest.mark.parametrize(("heading", "turn_deg"), [(0, -1.5), (4, 1.5)])

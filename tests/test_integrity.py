@@ -47,8 +47,7 @@ def scan_of(points, normals, n=3000, seed=2):
 def test_a_corner_is_localized_and_tells_how_much_matches_and_its_second_best(corner, point_map):
     for search, most in (("exhaustive", 0.5), ("branch-and-bound", 0.8)):  # bounds prove what is asked for
         estimate = MaximumConsensus(SPACE, search=search).localize(scan_of(*corner), point_map, HERE)
-        assert (estimate.status, estimate.reason) == (Status.LOCALIZED, "")
-        assert estimate.share > 0.9
+        assert (estimate.status, estimate.reason) == (Status.LOCALIZED, "") and estimate.share > 0.9
         assert 0.0 <= estimate.runner_up < most
 
 
@@ -69,8 +68,7 @@ def test_a_facade_that_repeats_is_ambiguous(objective):
     scan = scan_of(*joined(wide, *sides), n=8000)
     method = MaximumConsensus(SPACE) if objective is None else MaximumConsensus(SPACE, objective)
     estimate = method.localize(scan, point_map, HERE)
-    assert estimate.runner_up > 0.8
-    assert estimate.status is Status.AMBIGUOUS
+    assert estimate.runner_up > 0.8 and estimate.status is Status.AMBIGUOUS
     sure = replace(method, trust=Trust(largest_runner_up=1.0))
     assert sure.localize(scan, point_map, HERE).status in (Status.LOCALIZED, Status.AMBIGUOUS)
 
@@ -185,9 +183,7 @@ def test_the_defaults_are_those_of_the_decisions():
         Trust().least_share = 0.0
 
 
-# --- what casts doubt ---------------------------------------------------------------------------------
-
-
+# --- what casts doubt ---
 def with_normals(n, n_horizontal, n_upright):
     """Points of which some have a horizontal normal, some an upright one, and the others none."""
     normals = np.zeros((n, 3))
@@ -247,9 +243,7 @@ def test_a_scan_without_normals_says_so_beside_its_answer(corner, point_map, sea
     assert (nowhere.status, nowhere.reason) == (Status.NO_MATCH, estimate.reason)
 
 
-# --- where trust ends ---------------------------------------------------------------------------------
-
-
+# --- where trust ends ---
 @pytest.mark.parametrize(("least", "most", "is_determined"), [
     (1.0, 10.0, True),  # a match in full, in the least determined direction
     (0.999, 10.0, False),
@@ -284,5 +278,4 @@ def test_horizontal_is_within_30_degrees():
         normal, n = [math.cos(math.radians(degrees)), 0.0, math.sin(math.radians(degrees))], integrity.FEWEST_POINTS
         return integrity.reasons_to_doubt_scan(Scan(np.ones((n, 3)), [normal] * n), HERE)
 
-    assert not doubted(29.9)
-    assert "none horizontal" in doubted(30.1)[0]
+    assert not doubted(29.9) and "none horizontal" in doubted(30.1)[0]

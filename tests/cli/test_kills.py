@@ -33,9 +33,7 @@ FEW, SOME = MORE, 2 * MORE
 OVERWRITE = ("--overwrite",)
 
 
-# --- what each command writes, and what of it is whole ---------------------------------------------------------
-
-
+# --- what each command writes, and what of it is whole ---
 def is_whole_map(path, maxcon):
     return maxcon("map", "info", path, "--check").code == 0
 
@@ -107,9 +105,7 @@ WRITERS = {
 }  # fmt: skip
 
 
-# --- inputs, and how to kill -------------------------------------------------------------------------------
-
-
+# --- inputs, and how to kill ---
 @pytest.fixture(scope="module")
 def folder_of_kills(tmp_path_factory, drive, maxcon_in_process_of_its_own):
     """Poses and a study of the drive, made undisturbed; and two rounds to align."""
@@ -168,9 +164,7 @@ def timed(maxcon_in_process_of_its_own):
     return run
 
 
-# --- commands that write a file or a folder ---------------------------------------------------------------
-
-
+# --- commands that write a file or a folder ---
 @pytest.mark.parametrize("name", WRITERS)
 def test_what_a_killed_command_leaves_is_whole_or_not_there(name, drive, folder_of_kills, maxcon, timed, killed):
     command, is_whole, n_rounds, replacing, package = WRITERS[name]

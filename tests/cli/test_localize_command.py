@@ -37,9 +37,7 @@ def assert_close(drive, tmp_path):
     return check
 
 
-# --- options of the search ------------------------------------------------------------------------------------
-
-
+# --- options of the search ---
 @pytest.mark.parametrize("options", [
     "--objective max-eigenvalue --threads 2",
     "--half-width 2.7 --heading-half-width-deg 3 --heading-step-deg 1 --min-range 3 --max-range 60",
@@ -95,9 +93,7 @@ def test_what_is_not_given_is_what_the_method_takes():
     assert (given["least_share"], given["largest_runner_up"]) == (trust.least_share, trust.largest_runner_up)
 
 
-# --- windows from standard deviations --------------------------------------------------------------------------
-
-
+# --- windows from standard deviations ---
 def test_half_widths_by_standard_deviations(localize, tmp_path):
     given = "--sigma-position 1 --sigma-heading-deg 0.7 --sigmas 2 --heading-step-deg 0.75"
     same = "--half-width 2.04 --heading-half-width-deg 1.5 --heading-step-deg 0.75"
@@ -160,9 +156,7 @@ def test_poses_with_covariances_are_a_prior_and_times_come_from_a_file(localize,
     assert_close()
 
 
-# --- epochs without an answer ----------------------------------------------------------------------------------
-
-
+# --- epochs without an answer ---
 def write_rows(path, rows):
     path.write_text("".join(" ".join(row) + "\n" for row in rows))
     return path
@@ -221,9 +215,7 @@ def test_no_epoch_localized_writes_a_table_and_no_trajectory(localize, tmp_path,
     assert not (tmp_path / "found.tum").exists() and "found.tum is not written\n" in ended.out
 
 
-# --- pictures --------------------------------------------------------------------------------------------------
-
-
+# --- pictures ---
 def test_lists_of_epochs():
     for text, n, wanted in (("0,2", 3, {0, 2}), (" 1 , 0-1", 3, {0, 1}), ("ALL", 2, {0, 1}), ("3-5,4", 6, {3, 4, 5})):
         assert parse_epochs(text, n) == wanted

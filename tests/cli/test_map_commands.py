@@ -85,15 +85,12 @@ def test_a_map_is_exported_once(maxcon, refused, drive, tmp_path):
     refused(maxcon("map", "export", drive.city, "-o", tmp_path / "city.xyz"), ".laz, .las, .ply")
 
 
-# --- on a server -----------------------------------------------------------------------------------------------
-
-
+# --- on a server ---
 def test_a_copy_on_a_server_gives_the_same_poses(maxcon, localize, drive, poses, bucket, tmp_path, refused, street_npz):
     city = f"{bucket}/city"
     assert maxcon("map", "copy", drive.city, city).out == f"{city}\n"
     assert maxcon("map", "info", city, "--check").out == maxcon("map", "info", drive.city, "--check").out
-    assert localize(city=city).code == 0
-    assert rows_of(tmp_path / "poses.csv") == rows_of(poses)
+    assert localize(city=city).code == 0 and rows_of(tmp_path / "poses.csv") == rows_of(poses)
     refused(maxcon("map", "info", f"{bucket}/none"), f"{bucket}/none", "no manifest.json there")
     refused(maxcon("map", "build", street_npz, "-o", f"{bucket}/a"), f"map copy FOLDER {bucket}/a")
 

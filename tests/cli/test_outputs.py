@@ -137,8 +137,7 @@ def test_the_disk_is_full_half_way(maxcon_in_process_of_its_own, maxcon, refused
     n_rows = int(ended.err.partition(" of 4 epochs")[0].rpartition(" ")[2])
     assert 0 < n_rows < 4
     lines = (out / "poses.csv").read_text().splitlines()
-    assert len(lines) == 1 + n_rows
-    assert lines[-1].count(",") == lines[0].count(",")
+    assert len(lines) == 1 + n_rows and lines[-1].count(",") == lines[0].count(",")
     assert maxcon(*localize, out / "poses.csv", "--resume").code == 0
 
 

@@ -10,9 +10,7 @@ from maxcon.map.manifest import read_manifest
 SIGMAS = ("--sigma-position", "1", "--sigma-heading-deg", "0.5")
 
 
-# --- localize --------------------------------------------------------------------------------------------------
-
-
+# --- localize ---
 @pytest.fixture
 def not_localized(maxcon, refused, drive, out):
     """Check that localizing is refused with these words, and that nothing was written."""
@@ -92,9 +90,7 @@ def test_epochs_to_plot_without_a_folder(localize, refused, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-# --- map build -------------------------------------------------------------------------------------------------
-
-
+# --- map build ---
 @pytest.fixture
 def not_built(maxcon, refused, out):
     """Check that building is refused with these words, and that nothing was written."""

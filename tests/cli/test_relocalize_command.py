@@ -52,8 +52,7 @@ def test_without_a_table_a_line_is_printed_for_each(relocalize, place):
     ended = relocalize("--around", f"{place.x:.1f},{place.y:.1f}", "--radius", "60")
     assert ended.code == 0
     lines = ended.out.splitlines()
-    assert len(lines) == 4
-    assert all(": localized; x 5" in line for line in lines)
+    assert len(lines) == 4 and all(": localized; x 5" in line for line in lines)
 
 
 def test_epochs_without_an_answer_are_rows_with_their_status(relocalize, drive, place, tmp_path):

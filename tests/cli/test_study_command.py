@@ -42,15 +42,12 @@ def test_a_study_that_is_stopped_goes_on(described, stopped_when, maxcon, tmp_pa
 
     code, err = stopped_when(number, has_two_parts, *arguments)
     assert code == (-number if number == signal.SIGKILL else 128 + number)
-    assert "Traceback" not in err
-    assert all_ended(children)
+    assert "Traceback" not in err and all_ended(children)
     assert not (out / "table.parquet").exists()
     before = table_of(out).read().to_pylist()
-    assert 0 < len(before) < 120
-    assert maxcon(*arguments).code == 0
+    assert 0 < len(before) < 120 and maxcon(*arguments).code == 0
     table = Study.open(out).table
-    assert len(table) == len(set(keys_of(table))) == 120
-    assert not (out / "parts").exists()
+    assert len(table) == len(set(keys_of(table))) == 120 and not (out / "parts").exists()
     after = {(row["method"], row["epoch"]): row for row in table.to_pylist()}
     assert all(after[row["method"], row["epoch"]] == row for row in before)  # times and all: not made again
 

@@ -110,8 +110,6 @@ def test_few_poses_have_the_usual_noise_and_standard_deviations_are_not_negative
 
 
 # --- the filter: derivatives by differences, and the update by information ---
-
-
 def covariance_of(seed, scale=0.05):
     root = scale * np.random.default_rng(seed).standard_normal((6, 6))
     return root @ root.T + 1e-6 * np.eye(6)

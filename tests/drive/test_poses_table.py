@@ -38,9 +38,7 @@ def path(tmp_path):
     return tmp_path / "poses.csv"
 
 
-# --- POSES.csv ------------------------------------------------------------------------------------------------
-
-
+# --- POSES.csv ---
 def test_the_localized_epochs_read_back_as_a_trajectory(path):
     turned = Pose(POSE.x + 10.0, POSE.y, POSE.z, -0.01, 0.02, -math.pi)
     epochs = [made_epoch(0), made_epoch(1, Status.NO_PRIOR), made_epoch(2, pose=turned), made_epoch(3, Status.AT_RIM)]
@@ -138,9 +136,7 @@ def test_tables_of_other_drives_are_not_gone_on_with(path, what):
         poses_table.rows_there(path, times)
 
 
-# --- many drives ----------------------------------------------------------------------------------------------
-
-
+# --- many drives ---
 def test_rows_are_published_once_and_whole(tmp_path):
     dataset = poses_table.PosesDataset(tmp_path)
     assert not dataset.has_rows()

@@ -44,8 +44,7 @@ def test_what_the_map_is_made_of(city):
     assert sum(source["n_kept"] for source in counts) == manifest.n_points
     assert all(source["is_classified"] and source["n_dropped"]["2"] > 100_000 for source in counts)
     assert sum(source["n_without_side"] for source in counts) < 0.01 * manifest.n_points
-    assert point_map.is_signed
-    assert "25832" in point_map.frame.crs
+    assert point_map.is_signed and "25832" in point_map.frame.crs
     assert 20 < len(manifest.tiles) < 200
     _, _, normals = point_map.all_voxels()
     assert normals.any(axis=1).mean() > 0.5  # the rest are bushes, and points alone
@@ -84,10 +83,8 @@ def localized(folder, point_map, scans, prior_name):
 @pytest.mark.parametrize("prior", ["prior_perturbed", "prior_gnss"])
 def test_every_epoch_of_the_main_road_is_right(drive_folder, city, prior):
     right, trusted, distances = localized(drive_folder, city[1], open_scans(drive_folder / "scans"), prior)
-    assert len(right) == 70
-    assert right.all()
-    assert np.median(distances) < 0.08
-    assert trusted.sum() >= 69
+    assert len(right) == 70 and right.all()
+    assert np.median(distances) < 0.08 and trusted.sum() >= 69
 
 
 @pytest.fixture(scope="module")
@@ -99,10 +96,8 @@ def suburb(real_data, tmp_path_factory):
 def test_every_epoch_of_the_suburb_is_right(suburb):
     folder, point_map = suburb
     right, trusted, distances = localized(folder, point_map, open_scans(folder / "scans"), "prior_perturbed")
-    assert len(right) == 25
-    assert right.all()
-    assert trusted.sum() >= 24
-    assert np.median(distances) < 0.06
+    assert len(right) == 25 and right.all()
+    assert trusted.sum() >= 24 and np.median(distances) < 0.06
 
 
 def test_no_answer_from_scans_that_were_not_deskewed_is_called_localized_far_off(suburb):

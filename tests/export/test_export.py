@@ -126,8 +126,7 @@ def test_geopackage(table, tmp_path):
     assert pyproj.CRS.from_user_input(meta["crs"]).to_epsg() == 25832
     named = dict(zip(meta["fields"], columns, strict=True))
     assert named["status"].tolist() == ["localized", "ambiguous", "localized"]
-    assert named["cov_x_x"][0] == 0.0001
-    assert np.isnan(named["heading_deg"][1])
+    assert named["cov_x_x"][0] == 0.0001 and np.isnan(named["heading_deg"][1])
     assert points[1] is None
     np.testing.assert_array_equal(np.frombuffer(points[0], "<f8", 3, 5), POSES[0].position)
     _, _, lines, _ = raw.read(tmp_path / "a.gpkg", layer="priors")

@@ -168,5 +168,4 @@ def test_what_is_made_of_factors_is_a_covariance(factors, scales):
 ])  # fmt: skip
 def test_the_first_that_is_none_is_named(matrix):
     row, words = first_covariance_fault(np.array([GOOD, matrix, matrix]))
-    assert row == 1
-    assert f"positive semidefinite, got {np.array(matrix).tolist()}" in words
+    assert row == 1 and f"positive semidefinite, got {np.array(matrix).tolist()}" in words

@@ -98,8 +98,7 @@ def test_sigmas_of_gst_and_headings_of_hdt_before_or_after_their_position(tmp_pa
     for covariance in log.covariances[:3]:
         np.testing.assert_allclose(covariance, np.diag([0.04, 0.09]))  # east, north
     np.testing.assert_allclose(log.covariances[3], np.diag([7.5**2] * 2))
-    assert np.isnan(log.covariances[4]).all()
-    assert "3 of GST, 1 of HDOP, 1 unknown" in log.words
+    assert np.isnan(log.covariances[4]).all() and "3 of GST, 1 of HDOP, 1 unknown" in log.words
     np.testing.assert_allclose(log.orientations.trajectory.times, START + np.arange(3), atol=1e-6)
     np.testing.assert_allclose(np.degrees(log.orientations.trajectory.angles[:, 2]), 10.0 - np.arange(3), atol=1e-9)
 

@@ -112,8 +112,7 @@ def test_a_malformed_file_is_refused_with_file_and_line(tmp_path, name, content,
     path = write(tmp_path, name, content)
     with pytest.raises((TrajectoryError, FileError), match=words) as caught:
         read_trajectory(path)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_another_suffix_and_no_folder_to_write_to(tmp_path):

@@ -39,8 +39,7 @@ def opened(folder, text):
 def test_parts_are_named_relative_to_the_file(folder):
     dataset = opened(folder, PLAIN)
     assert [path.name for path in dataset.map_clouds] == ["a.laz", "b.laz"]
-    assert dataset.scans == folder / "scans"
-    assert list(dataset.priors) == ["gnss", "rough"]
+    assert dataset.scans == folder / "scans" and list(dataset.priors) == ["gnss", "rough"]
     assert dataset.prior == folder / "gnss.txt"
     assert (dataset.map_path, dataset.map_trajectory, dataset.crs, dataset.drop) == (None, None, None, None)
     (folder / "dataset.toml").rename(folder / "other.toml")
@@ -72,8 +71,7 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
     )
     options = opened(folder, PLAIN.replace("[scans]", more + "[scans]")).map_options(cell=0.1)
     assert (options.cell, options.crs, options.drop) == (0.1, "EPSG:25832", ("ground",))
-    assert options.dropped_classes() >= {2, 64}
-    assert len(options.trajectory) == 2
+    assert options.dropped_classes() >= {2, 64} and len(options.trajectory) == 2
     assert options.sigma == 0.009
 
 
@@ -128,6 +126,5 @@ def test_deep_keys_are_refused_in_little_memory(folder, text):
     started = time.monotonic()
     with pytest.raises(FileError, match="got"):
         opened(folder, text)
-    assert time.monotonic() - started < 100.0
-    assert tracemalloc.get_traced_memory()[1] < 2**27
+    assert time.monotonic() - started < 100.0 and tracemalloc.get_traced_memory()[1] < 2**27
     tracemalloc.stop()

@@ -9,9 +9,8 @@ import pytest
 from maxcon import Pose
 from maxcon.lab import evaluation
 
-# --- errors -----------------------------------------------------------------------------------------------------
 
-
+# --- errors ---
 def _pose(x, y, z=0.0, heading_deg=0.0):
     return Pose(x, y, z, 0.1, -0.1, math.radians(heading_deg))
 
@@ -57,9 +56,7 @@ def test_quantiles_of_nothing_or_of_nan_are_nan():
         assert all(math.isnan(value) for value in dataclasses.astuple(evaluation.Quantiles.of(errors)))
 
 
-# --- what samples prove -----------------------------------------------------------------------------------------
-
-
+# --- what samples prove ---
 def at_most(n_found, n_epochs, rate):
     """Probability of at most so many, by the sum of its terms."""
     return sum(math.comb(n_epochs, k) * rate**k * (1.0 - rate) ** (n_epochs - k) for k in range(n_found + 1))
@@ -91,13 +88,10 @@ def test_a_small_rate_takes_many_epochs(rate, expected):
     assert evaluation.upper_bound(0, expected) <= rate < evaluation.upper_bound(0, expected - 1)
 
 
-# --- errors in sigmas -------------------------------------------------------------------------------------------
-
-
+# --- errors in sigmas ---
 def test_errors_are_counted_within_their_own_sigmas():
     found = evaluation.Coverage.of([0.1, -0.3, 0.5, 9.0, np.nan, 1.0], [0.1, 0.2, 0.2, 1.0, 1.0, np.nan])
-    assert (found.n_epochs, found.n_within) == (4, (1, 2, 3))
-    assert found.shares == (0.25, 0.5, 0.75)
+    assert (found.n_epochs, found.n_within) == (4, (1, 2, 3)) and found.shares == (0.25, 0.5, 0.75)
     assert found.rms == pytest.approx(math.sqrt((1.0 + 1.5**2 + 2.5**2 + 81.0) / 4.0))
     assert all(low < share < high for share, (low, high) in zip(found.shares, found.intervals, strict=True))
 
@@ -124,9 +118,7 @@ def test_no_epoch_says_nothing():
     assert (counts.n_used, counts.exceeded_bound) == (0, 1.0)
 
 
-# --- the Stanford diagram ---------------------------------------------------------------------------------------
-
-
+# --- the Stanford diagram ---
 def test_each_epoch_lies_in_one_region_and_is_as_bad_as_its_worst_direction():
     errors = [[0.05, 0.05], [0.05, 0.2], [0.2, 0.5], [0.05, 0.05], [0.05, 0.05]]
     levels = [[0.10, 0.10], [0.10, 0.1], [0.1, 0.1], [0.10, 0.40], [0.10, np.nan]]

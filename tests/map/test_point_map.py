@@ -148,9 +148,7 @@ def test_points_that_make_no_map_are_refused(points, normals, cell, words):
         PointMap.from_points(points, normals, cell)
 
 
-# --- levels -------------------------------------------------------------------------------------------
-
-
+# --- levels ---
 def clumps(seed, *, is_signed):
     """A map of points in clumps over a few tiles, some without a normal."""
     rng = np.random.default_rng(seed)
@@ -203,8 +201,7 @@ def test_a_level_has_the_edges_of_its_voxels_and_the_tiles_of_its_map(monkeypatc
     assert level.cell == pytest.approx(0.48)
     assert level.tile_keys == point_map.tile_keys and len(level.tile_keys) > 1
     np.testing.assert_allclose(level.bounds, point_map.bounds)
-    assert level is point_map.level(8)
-    assert point_map.level(1) is point_map
+    assert level is point_map.level(8) and point_map.level(1) is point_map
     for one, again in zip(level.all_voxels(), level.all_voxels(), strict=True):
         np.testing.assert_array_equal(one, again)
     for factor in (0, -2, 3, 64):

@@ -69,9 +69,7 @@ def test_opening_reads_no_tile_and_tiles_in_use_do_not_follow_their_files(copy, 
             each.all_voxels()
 
 
-# --- damage -------------------------------------------------------------------------------------------
-
-
+# --- damage ---
 @pytest.fixture(scope="module")
 def breakable(tmp_path_factory, shards):
     """A copy of a map of several shards, to break and put back."""
@@ -123,9 +121,7 @@ def test_voxels_in_another_order_are_refused(tmp_path, in_memory):
         PointMap.open(tmp_path).tile(tile.key)
 
 
-# --- classes of an updated map ------------------------------------------------------------------------
-
-
+# --- classes of an updated map ---
 def test_classes_of_voxels_are_read_and_decide_what_is_searched(tmp_path, in_memory):
     folder, key = tmp_path / "classed.map", min(in_memory.tile_keys)
     tile = in_memory.tile(key)

@@ -61,8 +61,7 @@ def test_what_stands_stays_where_it_is_and_what_passed_is_gone(drive, built):
     patch = built.ground_around(*built.frame.to_local([[10.0, -1.0, 0.0]])[0, :2], 1.0)
     assert np.nanmax(np.abs(patch.heights + built.frame.origin[2])) < 0.05
     (said,) = read_manifest(drive / "street.map").build["updates"]
-    assert said["drives"][0]["name"] == "poses.tum"
-    assert said["n_now_new"] == 0
+    assert said["drives"][0]["name"] == "poses.tum" and said["n_now_new"] == 0
     assert {path.name for path in (drive / "street.map").iterdir()} == {"manifest.json", "tiles", "ground", "classes"}
 
 
@@ -140,9 +139,7 @@ def test_other_clocks_empty_folders_and_half_a_question_are_refused(drive, tmp_p
     assert not out.exists()
 
 
-# --- real drives -----------------------------------------------------------------------------------------------
-
-
+# --- real drives ---
 def localized(point_map, scans, prior, reference, out):
     """How many epochs there are, how many are localized, and how many of these are within 0.3 m and 1 degree."""
     run("localize", point_map, scans, "--prior", prior, "-o", out, codes=(0, 1))

@@ -47,8 +47,7 @@ def test_a_right_answer_passes_with_noise_and_with_few_points(seed, noise, every
     point_map, scan = town(seed)
     noisy = scan.points + np.random.default_rng(seed).normal(0.0, noise, (len(scan), 3))
     found = fitted(Scan(noisy[::every], scan.normals[::every]), point_map)
-    assert (found.misfit, found.words) == (0.0, "")
-    assert not found.covariance.any()
+    assert (found.misfit, found.words) == (0.0, "") and not found.covariance.any()
 
 
 @given(seed=SEEDS, pattern=st.sampled_from(list(SIZES)), sign=st.sampled_from([-1.0, 1.0]))
@@ -58,8 +57,7 @@ def test_each_pattern_is_noticed_and_the_pose_is_that_of_the_scan_without_it(see
     found = fitted(distorted(scan, pattern, sign * SIZES[pattern]), point_map)
     assert found.words
     if found.misfit < 1.0:
-        assert pattern.is_of_scan
-        assert off(found.refined.pose) < 0.05
+        assert pattern.is_of_scan and off(found.refined.pose) < 0.05
 
 
 @pytest.mark.parametrize(("pattern", "size", "words"), [
@@ -78,8 +76,7 @@ def test_a_scan_is_corrected_and_a_third_of_the_shift_widens_the_covariance(patt
     point_map, scan = town(1)
     changed = distorted(scan, pattern, size)
     as_it_is, found = refine(changed, point_map, TRUTH).pose, fitted(changed, point_map)
-    assert found.misfit < 1.0
-    assert "(corrected)" in found.words
+    assert found.misfit < 1.0 and "(corrected)" in found.words
     assert off(found.refined.pose) < min(0.03, 0.7 * off(as_it_is))
     shift = found.refined.pose.values - as_it_is.values
     assert found.covariance == pytest.approx(0.33**2 * np.outer(shift, shift))
@@ -98,8 +95,7 @@ def test_what_the_map_may_have_as_well_is_not_corrected_and_widens_the_covarianc
     point_map, scan = town(1)
     changed = distorted(scan, LEFT, 0.1)
     found = fitted(changed, point_map)
-    assert 0.0 < found.misfit < 1.0
-    assert "what is to the left +0.1" in found.words
+    assert 0.0 < found.misfit < 1.0 and "what is to the left +0.1" in found.words
     assert found.refined.pose == refine(changed, point_map, TRUTH).pose
     assert math.sqrt(found.covariance[1, 1]) == pytest.approx(abs(found.refined.pose.y - TRUTH.y), abs=0.02)
 
@@ -141,8 +137,7 @@ def test_away_from_the_right_pose_patches_lie_beside_the_map():
     point_map, scan = town(1)
     refined, table = refine(scan, point_map, TRUTH), table_around(scan.sample, point_map, [TRUTH])
     found = fit.fit_of(replace(refined, pose=beside(0.25, 0.2)), scan.sample, point_map, table)
-    assert found.misfit > 1.0
-    assert "patches of surface lie beside those of the map" in found.words
+    assert found.misfit > 1.0 and "patches of surface lie beside those of the map" in found.words
 
 
 @pytest.mark.parametrize(("noise", "apart", "is_loose"), [(0.0, False, True), (0.08, False, False), (0.0, True, False)])
@@ -158,12 +153,10 @@ def test_points_near_the_map_that_are_not_close_are_told_unless_surfaces_are_thi
     if apart:
         refined = replace(refined, points=refined.points[::-1] * [1.0, 1.0, 100.0], normals=refined.normals[::-1])
     found = fit._loose(replace(refined, residuals=chance), point_map)
-    assert bool(found) is is_loose
-    assert not fit._loose(refined, point_map)
+    assert bool(found) is is_loose and not fit._loose(refined, point_map)
     if is_loose:
         (misfit, words), *_ = found
-        assert misfit > 1.0
-        assert "% lie within 0.05 m of them" in words
+        assert misfit > 1.0 and "% lie within 0.05 m of them" in words
 
 
 def street(*sides):
@@ -203,8 +196,7 @@ def test_an_answer_that_does_not_fit_is_refused_unless_it_is_asked_for():
     point_map, scan = town(1)
     shifted = distorted(scan, LEFT, 0.3)
     refused = MaximumConsensus(SPACE, wider=0.0).localize(shifted, point_map, beside(0.2, 0.1))
-    assert refused.status is Status.MISFIT
-    assert "what is to the left" in refused.reason
+    assert refused.status is Status.MISFIT and "what is to the left" in refused.reason
     trusting = MaximumConsensus(SPACE, wider=0.0, trust=Trust(largest_misfit=math.inf))
     assert trusting.localize(shifted, point_map, beside(0.2, 0.1)).is_localized
 
@@ -212,6 +204,5 @@ def test_an_answer_that_does_not_fit_is_refused_unless_it_is_asked_for():
 def test_the_answer_of_a_scan_that_was_not_deskewed_is_that_of_the_middle_of_its_turn():
     point_map, scan = town(1)
     answer = MaximumConsensus(SPACE).localize(distorted(scan, STRETCHED, 1.0), point_map, beside(0.2, 0.1))
-    assert answer.is_localized
-    assert off(answer.pose) < 0.03
+    assert answer.is_localized and off(answer.pose) < 0.03
     assert "by +1.0 m a turn (corrected): deskew it (--deskew)" in answer.reason

@@ -91,8 +91,7 @@ def test_the_ground_tells_no_more_than_map_and_walls_agree_on(asked, room, fit, 
     told = dict(asked.call_args.kwargs)
     assert asked.call_args.args[2] == (HERE if fit is None else ON_GROUND)
     assert (told.pop("height_sigma"), told.pop("tilt_sigma"), told.pop("passes")) == (height_sigma, tilt_sigma, PASSES)
-    assert list(told) == ["table"]
-    assert answer.is_localized
+    assert list(told) == ["table"] and answer.is_localized
     assert answer.pose.position[:2] == pytest.approx(HERE.position[:2], abs=0.01)
     assert np.isfinite(answer.covariance).all() and np.isfinite(answer.protection_level).all()
 

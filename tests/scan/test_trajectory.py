@@ -168,8 +168,7 @@ def test_positions_at_many_times_at_one_pose_and_at_none():
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-8)
     trajectory = drive([5.0])
     np.testing.assert_array_equal(trajectory.positions_at([5.0, 5.2, 5.3])[:, 0], [UTM[0], UTM[0], math.nan])
-    assert trajectory.positions_at([]).shape == (0, 3)
-    assert trajectory.at(5.0).x == UTM[0]
+    assert trajectory.positions_at([]).shape == (0, 3) and trajectory.at(5.0).x == UTM[0]
     with pytest.raises(ArrayError, match=r"`times` to have shape \(n,\)"):
         trajectory.positions_at([[5.0]])
 
@@ -194,8 +193,7 @@ def test_covariances_are_linear_between_poses_and_may_be_unknown():
     trajectory = known_drive([first, second, UNKNOWN, first])
     np.testing.assert_allclose(trajectory.covariance_at(0.25, 2.0), 0.75 * first + 0.25 * second)
     np.testing.assert_array_equal(trajectory.covariance_at(1.0, 2.0), second)  # beside one that is unknown
-    assert trajectory.covariance_at(1.5, 2.0) is None
-    assert trajectory.covariance_at(2.0, 2.0) is None
+    assert trajectory.covariance_at(1.5, 2.0) is None and trajectory.covariance_at(2.0, 2.0) is None
     np.testing.assert_array_equal(trajectory.covariance_at(3.0005), first)
     np.testing.assert_array_equal(trajectory.covariance_at(3.0, 2.0), first)  # just after one that is unknown
     with pytest.raises(TrajectoryError, match="within the trajectory"):

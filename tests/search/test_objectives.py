@@ -93,8 +93,7 @@ def test_one_direction_however_often_scores_nothing(seed, angle, n):
     moments = np.array([n, *sums])
     if moments[1] + moments[3] < 0.1:
         return  # a few hundred-thousandths of a match: rounding alone
-    assert Helmert().score(moments) == 0.0
-    assert MaxEigenvalue().score(moments) == 0.0
+    assert Helmert().score(moments) == 0.0 and MaxEigenvalue().score(moments) == 0.0
 
 
 @given(hnp.arrays(np.float64, hnp.array_shapes(max_dims=2, max_side=6).map(lambda s: (*s, 4)), elements=VALUES))
@@ -105,10 +104,8 @@ def test_never_nan_and_never_a_warning(moments):
         warnings.simplefilter("error")
         for objective in OBJECTIVES:
             scores = objective.score(moments)
-            assert scores.shape == moments.shape[:-1]
-            assert scores.dtype == np.float64
-            assert not np.isnan(scores).any()
-            assert (scores >= 0.0).all()
+            assert scores.shape == moments.shape[:-1] and scores.dtype == np.float64
+            assert not np.isnan(scores).any() and (scores >= 0.0).all()
 
 
 @given(
@@ -136,8 +133,7 @@ def test_bounds_hold_for_scores_as_they_are_computed_in_any_axes(seed, n, azimut
 @pytest.mark.parametrize("objective", [Count(), Helmert(), MaxEigenvalue()])
 def test_objectives_are_told_by_name_and_two_of_a_kind_are_the_same(objective):
     assert as_objective(objective.name) == objective == type(objective)()
-    assert as_objective(objective) is objective
-    assert {objective: 1}[type(objective)()] == 1
+    assert as_objective(objective) is objective and {objective: 1}[type(objective)()] == 1
 
 
 @pytest.mark.parametrize("wrong", ["Helmert", "", "helmert ", 3, None, Helmert])
@@ -190,9 +186,7 @@ def test_other_cells_are_refused(factor):
         cells_of(space, POINT_MAP)
 
 
-# --- what every search refuses ------------------------------------------------------------------------
-
-
+# --- what every search refuses ---
 def bounded(*arguments, **options):
     return branch_and_bound(*arguments, Count(), **options)
 

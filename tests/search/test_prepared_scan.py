@@ -138,7 +138,6 @@ def test_the_field_of_the_points_that_constrain(weighting):
     assert np.diff(part.starts).tolist() == [len(each) for each in numbers if len(each)]
     assert part.layers.tolist() == [layer for layer, each in zip(whole.layers, numbers, strict=True) if len(each)]
     if weighting is Weighting.PUBLISHED:
-        assert (part.middles == part.starts[1:]).all()
-        assert 300 < len(kept) < 450
+        assert (part.middles == part.starts[1:]).all() and 300 < len(kept) < 450
     else:
         assert len(kept) == len(scan)

@@ -42,9 +42,7 @@ def assert_only_best(accumulator, objective, cell):
     assert np.count_nonzero(scores == scores.max()) == 1
 
 
-# --- scenes -------------------------------------------------------------------------------------------
-
-
+# --- scenes ---
 @both_models
 @both_multiplicities
 @pytest.mark.parametrize("objective", [Count(), Helmert(), MaxEigenvalue()])
@@ -62,8 +60,7 @@ def test_walls_along_one_direction_are_said_to_be_undetermined(scene, objective,
     scene.wall((-3, 5), (3, 5), turn=turn) if draw == "wall" else bare_street(scene, turn)
     estimate = MaximumConsensus(SMALL, objective).localize(scene.scan, scene.point_map, scene.prior(1, 2))
     assert (estimate.status, estimate.is_localized) == ("undetermined", False)
-    assert np.isinf(np.diag(estimate.cofactor)).all()
-    assert estimate.helmert_point_error == np.inf
+    assert np.isinf(np.diag(estimate.cofactor)).all() and estimate.helmert_point_error == np.inf
 
 
 def bare_street(scene, turn):
@@ -113,9 +110,7 @@ def test_uneven_map_density_draws_the_count_along_the_street_but_not_helmert(une
     assert_only_best(free_of_density, Helmert(), middle)
 
 
-# --- the paper's closed forms -------------------------------------------------------------------------
-
-
+# --- the paper's closed forms ---
 def unit_matches(n1, n2, turn):
     """n1 scan points on a surface with normal u, n2 on one at right angles; u at an angle to x."""
     c, s = math.cos(turn), math.sin(turn)
@@ -139,9 +134,7 @@ def test_unit_matches_at_right_angles(n1, n2, turn):
         assert accumulator.score(MaxEigenvalue())[0, 0, 0] == pytest.approx(min(n1, n2), rel=1e-5)
 
 
-# --- equation (2) to the letter -----------------------------------------------------------------------
-
-
+# --- equation (2) to the letter ---
 def random_pairs(seed, n_scan, n_map, cell):
     """Scan and map points on a grid of cell / 8, exactly representable, with normals of all directions."""
     rng = np.random.default_rng(seed)
@@ -224,9 +217,7 @@ def test_voxels_are_pairs_where_map_points_are_voxel_centres(seed, n_scan, n_map
         np.testing.assert_allclose(pairs.moments, voxels.moments, atol=1e-5)
 
 
-# --- what a match adds --------------------------------------------------------------------------------
-
-
+# --- what a match adds ---
 def matches(places, n_scan, n_map, *, is_signed=True, **options):
     """Moments of scan and map points in one voxel, by both models."""
     scan = Scan(places[: len(n_scan)], n_scan)
@@ -288,9 +279,7 @@ def test_the_prior_turns_and_raises_the_scan():
         np.testing.assert_allclose(accumulator.moments[1, 4 - 1, 4 + 2], [1.0, 0.36, 0.0, 0.0], atol=1e-6)
 
 
-# --- nothing to match, and what is refused ------------------------------------------------------------
-
-
+# --- nothing to match, and what is refused ---
 @pytest.mark.parametrize(("points", "normals", "options", "error", "words"), [
     (np.zeros((1, 3)), [X], {"weighting": 1}, OptionError, "'cosine', 'published' or 'one', got 1"),
     (np.zeros((3, 5)), np.zeros((3, 5)), {}, ArrayError, r"`points_map` .*\(n, 3\), got \(3, 5\)\. Transpose it\?"),

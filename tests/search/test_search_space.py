@@ -69,8 +69,7 @@ def test_the_boundary_is_the_outermost_rows_and_columns_where_there_are_others(n
     space = SearchSpace(0.1 * n_steps, 0.1, 0.5, 0.5)
     _, ny, nx = space.shape
     at_boundary = {(y, x) for y in range(ny) for x in range(nx) if space.is_at_boundary((0, y, x))}
-    assert len(at_boundary) == n_at_boundary
-    assert all({y, x} & {0, 5} for y, x in at_boundary)
+    assert len(at_boundary) == n_at_boundary and all({y, x} & {0, 5} for y, x in at_boundary)
     assert [space.is_outermost(heading) for heading in range(3)] == [True, False, True]
 
 
@@ -221,8 +220,7 @@ def test_heights_lie_around_the_prior_in_whole_cells():
     space = SearchSpace(3.0, 0.06, 2.0, height_half_width=0.18)
     assert space.n_heights == 7
     np.testing.assert_allclose(space.heights, [-0.18, -0.12, -0.06, 0.0, 0.06, 0.12, 0.18])
-    assert space.shape == SearchSpace.paper().shape
-    assert space.n_cells == 7 * 90_000
+    assert space.shape == SearchSpace.paper().shape and space.n_cells == 7 * 90_000
     assert space.plane == SearchSpace.paper()
     assert [pose.z for pose in space.priors(PRIOR)] == (PRIOR.z + space.heights).tolist()
     raised = space.raised(PRIOR, 5)
@@ -230,9 +228,7 @@ def test_heights_lie_around_the_prior_in_whole_cells():
     assert (raised.x, raised.roll, raised.heading) == (PRIOR.x, PRIOR.roll, PRIOR.heading)
 
 
-# --- open spaces ------------------------------------------------------------------------------------------
-
-
+# --- open spaces ---
 def test_an_open_space_has_no_cells_before_it_is_given_some_and_what_is_given_is_obeyed():
     space = SearchSpace()
     assert (space.half_width, space.heading_half_width_deg, space.is_open) == (12.0, 10.0, True)
@@ -241,8 +237,7 @@ def test_an_open_space_has_no_cells_before_it_is_given_some_and_what_is_given_is
             getattr(space, ask)
     assert SearchSpace(3.0, 0.12, 2.0) == SearchSpace(3.0, 0.12, 2.0, 0.5)
     stepped = SearchSpace(3.0, heading_half_width_deg=2.0, heading_step_deg=0.25)
-    assert not stepped.is_open
-    assert stepped.at(0.06) == SearchSpace(3.0, 0.06, 2.0, 0.25)
+    assert not stepped.is_open and stepped.at(0.06) == SearchSpace(3.0, 0.06, 2.0, 0.25)
     assert SearchSpace.paper() == SearchSpace(3.0, 0.06, 2.0, 0.5)
 
 
@@ -255,9 +250,7 @@ def test_cells_hold_the_half_widths_of_an_open_space(half_width, turn_deg, cell,
     assert space.at(1.0, 1.0) == space
 
 
-# --- rounding to whole steps ----------------------------------------------------------------------------------
-
-
+# --- rounding to whole steps ---
 @pytest.mark.parametrize(
     ("half_width", "n"),
     [(0.0, 0), (0.9e-6, 0), (1.0 + 0.9e-6, 1), (50_000.0 * (1.0 + 0.9e-6), 50_000), (1.0 * MOST_STEPS, MOST_STEPS)],

@@ -33,12 +33,10 @@ def test_all_six_unknowns_are_found(tilted):
     start = tilted.prior(0.5, 0.3, 1.0)
     start = replace(start, roll=start.roll + 0.01, pitch=start.pitch - 0.005)
     estimate = Gicp(thinning=0.0).localize(tilted.scan(step=0.05), tilted.point_map, start)
-    assert estimate.status == Status.LOCALIZED
-    assert tilted.distance(estimate.pose) < 0.01
+    assert estimate.status == Status.LOCALIZED and tilted.distance(estimate.pose) < 0.01
     assert abs(estimate.pose.heading - tilted.sensor.heading) < math.radians(0.1)
     assert abs(estimate.pose.roll - tilted.sensor.roll) < 0.005
-    assert abs(estimate.pose.pitch - tilted.sensor.pitch) < 0.005
-    assert estimate.cell is None
+    assert abs(estimate.pose.pitch - tilted.sensor.pitch) < 0.005 and estimate.cell is None
     assert estimate.share == estimate.score / len(tilted.scan(step=0.05)) > 0.99
 
 

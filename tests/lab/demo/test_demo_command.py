@@ -60,8 +60,7 @@ def test_the_table_the_files_and_the_figures_of_the_report_are_there(demo):
     assert len(list(Dataset.open(folder / "dataset").scans.glob("*.bin"))) == 4
     page = (folder / "report.html").read_text()
     assert "<title>maxcon demo: a simulated street</title>" in page
-    assert "maxcon demo --epochs 4 --seed 0" in page
-    assert page.count("<img") == 6
+    assert "maxcon demo --epochs 4 --seed 0" in page and page.count("<img") == 6
     row = next(line for line in printed.splitlines() if "Helmert, a voxel once" in line)
     assert re.findall(r"\d\.\d{3}", row)[0] in page
 

@@ -102,9 +102,7 @@ def test_the_worst_are_the_wrong_then_those_without_a_pose_then_the_least_sure()
     assert worst_epochs(is_localized[:2], is_wrong[:2], levels[:2]) == [1, 0]
 
 
-# --- walls by facing -----------------------------------------------------------------------------------------
-
-
+# --- walls by facing ---
 def walls(off):
     """Points on two walls, normals at 15 and at 105 degrees from +x, the second off along that by so much; normals."""
     rng, turn = np.random.default_rng(0), np.radians(15.0)

@@ -52,8 +52,7 @@ def test_facades_keep_the_period_along_the_whole_street_whatever_the_seed(period
     v = CAMPAIGN_GRID.v_lines[0] + CAMPAIGN_GRID.half_width
     on_line = np.abs(fronts[..., 1] - v + 0.2).max(axis=1) < 1e-6  # pilasters of one side of the first street
     edges = np.unique(np.round(fronts[on_line][..., 0], 6))
-    assert np.ptp(edges) > 300.0
-    assert set(np.round(edges % 3.0, 6) % 3.0) == {0.0, 0.25, 2.75}
+    assert np.ptp(edges) > 300.0 and set(np.round(edges % 3.0, 6) % 3.0) == {0.0, 0.25, 2.75}
     one, other = (build_periodic_city(seed, CROSS) for seed in (1, 2))
     np.testing.assert_array_equal(one.fabric.corners, other.fabric.corners)
     assert not np.array_equal(one.items[0].corners, other.items[0].corners)
@@ -62,8 +61,7 @@ def test_facades_keep_the_period_along_the_whole_street_whatever_the_seed(period
 def test_a_quarter_of_the_items_goes_and_nothing_else():
     city = build_periodic_city(1, CROSS._replace(margin=60.0))
     gone = city.draw_gone(5)
-    assert len(gone) == round(0.25 * len(city.items))
-    assert gone == city.draw_gone(5)
+    assert len(gone) == round(0.25 * len(city.items)) and gone == city.draw_gone(5)
     assert gone != city.draw_gone(6)
     before, after = city.city(), city.city(gone)
     assert len(before) - len(after) == sum(len(city.items[number]) for number in gone)

@@ -71,8 +71,7 @@ def test_fields_of_view_and_rays_of_a_tenth_of_a_second(layout, n_rays, azimuths
     for found, limits in ((azimuth, azimuths), (elevation, elevations)):
         assert limits[0] - 1e-6 <= found.min() <= limits[0] + 1.0
         assert limits[1] - 1.0 <= found.max() <= limits[1] + 1e-6
-    assert -0.05 < offsets.min() < -0.0499
-    assert 0.0499 < offsets.max() < 0.05
+    assert -0.05 < offsets.min() < -0.0499 and 0.0499 < offsets.max() < 0.05
 
 
 @pytest.mark.parametrize("layout", [ScannerLayout.MID_360, ScannerLayout.AVIA])
@@ -82,8 +81,7 @@ def test_scans_of_a_pattern_that_does_not_repeat_fill_the_gaps_of_others(layout)
         angles = (np.column_stack(_angles(layout, time)[:2]) for time in times)
         return len(np.unique(np.floor(5.0 * np.concatenate(list(angles))), axis=0))
 
-    assert seen([10.0]) == seen([10.0, 10.0])
-    assert seen([10.0, 10.1]) > 1.5 * seen([10.0])
+    assert seen([10.0]) == seen([10.0, 10.0]) and seen([10.0, 10.1]) > 1.5 * seen([10.0])
     assert seen([10.0, 10.1, 10.2, 10.3]) > 2.2 * seen([10.0])
 
 
@@ -112,8 +110,7 @@ def test_noise_dropouts_and_ranges_are_as_stated(world, epoch):
     distances, cosines = _distances_to_hit_planes(returns, world.scan_caster)
     steep = np.abs(cosines) > 0.3
     along_ray = distances[steep] / cosines[steep]
-    assert abs(along_ray.mean()) < 0.001
-    assert np.isclose(along_ray.std(), 0.02, rtol=0.05)
+    assert abs(along_ray.mean()) < 0.001 and np.isclose(along_ray.std(), 0.02, rtol=0.05)
     ranges = np.linalg.norm(returns.points - returns.origins, axis=1)
     assert 5.0 - 0.1 <= ranges.min() <= ranges.max() <= 20.0 + 0.1
     full = world.scan(epoch, RotatingScanner(dropout=0.0, min_range=5.0, max_range=20.0))

@@ -115,8 +115,7 @@ def test_map_clouds_are_las_1_4_with_class_time_and_crs_in_tiles(dataset):
 def test_it_says_what_it_is_and_has_a_pose_per_scan(request, name, words, n_epochs, priors, sigma):
     dataset = request.getfixturevalue(name)
     assert (dataset.folder / "dataset.toml").read_text().splitlines()[0].endswith(f": {words}")
-    assert Dataset.open(dataset.folder) == dataset
-    assert dataset.vehicle_classes == (64,)
+    assert Dataset.open(dataset.folder) == dataset and dataset.vehicle_classes == (64,)
     assert dataset.map_sigma == sigma  # if None, its rounds say
     assert {name: path.name for name, path in dataset.priors.items()} == priors
     times = np.loadtxt(dataset.scans / "times.txt")
@@ -126,8 +125,7 @@ def test_it_says_what_it_is_and_has_a_pose_per_scan(request, name, words, n_epoc
         trajectory = read_trajectory(path)
         np.testing.assert_array_equal(trajectory.times, times)
         errors = np.abs(trajectory.positions - reference.positions)
-        assert errors[:, :2].max() <= 2.7
-        assert errors[:, 2].max() <= 0.0401
+        assert errors[:, :2].max() <= 2.7 and errors[:, 2].max() <= 0.0401
 
 
 @pytest.mark.parametrize("name", ["dataset", "campaign_dataset"])
@@ -173,8 +171,7 @@ def test_successive_epochs_and_the_odometry_of_the_whole_round(campaign_dataset,
     assert successive.odometry.name == campaign_dataset.odometry.name == "odometry.txt"
     told, same = read_trajectory(successive.odometry), read_trajectory(campaign_dataset.odometry)
     np.testing.assert_array_equal(told.positions, same.positions)
-    assert len(told) == 3001
-    assert np.isin(np.round(times, 6), np.round(told.times, 6)).all()
+    assert len(told) == 3001 and np.isin(np.round(times, 6), np.round(told.times, 6)).all()
     reference = read_trajectory(campaign_dataset.reference)
     first, second = reference.times[1:3]
     moved = [np.linalg.norm(each.at(second).position - each.at(first).position) for each in (told, reference)]
@@ -247,8 +244,7 @@ def test_options_go_on_and_parts_are_said(request, monkeypatch, tmp_path, name, 
     monkeypatch.setattr(simulation, name, simulate_it)
     first, *lines = run("simulate", tmp_path / "out", *options.split()).splitlines()
     simulate_it.assert_called_once_with(tmp_path / "out", progress=ANY, **{"seed": 0, "overwrite": False} | asked)
-    assert first == str(dataset.folder)
-    assert [line[:13].strip() for line in lines] == parts
+    assert first == str(dataset.folder) and [line[:13].strip() for line in lines] == parts
     assert all(f" {dataset.folder}/" in line for line in lines if not line.startswith("map sigma"))
 
 

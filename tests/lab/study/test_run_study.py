@@ -78,8 +78,7 @@ class Contrary:
 def test_one_row_per_epoch_and_method(study, simulated, methods):
     keys = list(keys_of(study.table))
     assert len(keys) == len(set(keys)) == N_EPOCHS * len(methods)
-    assert study.table.schema.names == list(COLUMNS)
-    assert not (study.folder / "parts").exists()
+    assert study.table.schema.names == list(COLUMNS) and not (study.folder / "parts").exists()
     assert list(study.configuration.methods) == [method.name for method in methods]
     (run,) = study.configuration.runs
     assert (run["n_rows"], run["n_epochs"], run["priors"]) == (len(keys), N_EPOCHS, ["uniform"])
@@ -139,8 +138,7 @@ def test_what_is_done_is_not_done_again(tried):
     assert {epoch: new[epoch] for epoch in old} == old
     assert [run["n_rows"] for run in more.configuration.runs] == [3, 2 * N_EPOCHS - 3]
     done = tried(both)
-    assert done.table.equals(more.table)
-    assert len(done.configuration.runs) == 2
+    assert done.table.equals(more.table) and len(done.configuration.runs) == 2
 
 
 def test_where_a_search_starts_and_which_prior_are_told_apart(copied, tried, tmp_path, small_space):

@@ -41,17 +41,14 @@ def test_a_known_displacement_is_found(seed):
     assert constraint.fault == ""
     # the pose undoes the displacement: x -> R' (x - t)
     error = np.concatenate([constraint.pose.position + twist[:3], constraint.pose.values[3:] + twist[3:]])
-    assert np.abs(error[:3]).max() < 0.004
-    assert np.abs(error[3:]).max() < np.radians(0.03)
+    assert np.abs(error[:3]).max() < 0.004 and np.abs(error[3:]).max() < np.radians(0.03)
     sigmas = np.sqrt(np.diag(constraint.covariance))
-    assert (np.abs(error) < 4.0 * sigmas).all()
-    assert (sigmas[:3] < 0.005).all()
+    assert (np.abs(error) < 4.0 * sigmas).all() and (sigmas[:3] < 0.005).all()
 
 
 def test_a_corridor_leaves_open_what_lies_along_it_and_other_places_are_no_ties():
     constraint = constraint_between(CORRIDOR, np.array([0.1, -0.07, 0.05, 0.0, 0.0, 0.001]), 0)
-    assert constraint.fault == ""
-    assert np.sqrt(constraint.covariance[0, 0]) > 0.9
+    assert constraint.fault == "" and np.sqrt(constraint.covariance[0, 0]) > 0.9
     assert np.sqrt(constraint.covariance[1, 1]) < 0.005
     assert constraint.pose.y == pytest.approx(0.07, abs=0.004)
     rng = np.random.default_rng(0)

@@ -141,18 +141,15 @@ def test_what_one_of_two_passes_saw_is_temporary_and_nothing_else_is(tmp_path, t
     parts, times = two_passes
     classes, reason = found_in(tmp_path / "a", np.concatenate(parts), times)
     ground, house, car, bin_, *_ = split(classes, parts)
-    assert share(car[parts[2][:, 2] > 0.8], TEMPORARY) > 0.95
-    assert share(house, TEMPORARY) == 0.0
-    assert share(bin_, TEMPORARY) == 0.0
-    assert share(ground, GROUND) > 0.97
+    assert share(car[parts[2][:, 2] > 0.8], TEMPORARY) > 0.95 and share(house, TEMPORARY) == 0.0
+    assert share(bin_, TEMPORARY) == 0.0 and share(ground, GROUND) > 0.97
     assert reason == ""
     for name, of_points, reason in (
         ("light", np.minimum(times, 60.0), "one pass only"),  # 40 s apart: a red light
         ("none", None, "the clouds have no times to tell passes apart by"),
     ):
         classes, said = found_in(tmp_path / name, np.concatenate(parts), of_points)
-        assert share(classes, TEMPORARY) == 0.0
-        assert said == reason
+        assert share(classes, TEMPORARY) == 0.0 and said == reason
 
 
 def test_the_order_of_the_points_and_their_parts_change_nothing(tmp_path, two_passes):
