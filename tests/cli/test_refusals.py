@@ -23,17 +23,16 @@ def not_localized(maxcon, refused, drive, out):
     return check
 
 
-def shifted(rows, column, by):
-    return "".join(" ".join([*row[:column], str(float(row[column]) + by), *row[column + 1 :]]) + "\n" for row in rows)
-
-
 @pytest.mark.parametrize(("change", "words"), [
     ((0, 1e9), ("a.txt and ", "386400.000", "same clock", "--times")),
     ((2, -1e6), ("a.txt and ", "city.map", "inside the map", "y 4801", "same CRS")),
     ((1, 1e300), ("inside the map",)),
 ])  # fmt: skip
 def test_priors_of_no_use(not_localized, prior_rows, tmp_path, change, words):
-    (tmp_path / "a.txt").write_text(shifted(prior_rows, *change))
+    column, by = change
+    for row in prior_rows:
+        row[column] = str(float(row[column]) + by)
+    (tmp_path / "a.txt").write_text("".join(" ".join(row) + "\n" for row in prior_rows))
     not_localized(*words, prior=tmp_path / "a.txt")
 
 

@@ -25,10 +25,6 @@ def described(drive, long_drive, tmp_path):
     return description
 
 
-def children_of(pid):
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
 @pytest.mark.kills
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc: processes cannot be watched")
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGINT"])
@@ -37,7 +33,7 @@ def test_a_study_that_is_stopped_goes_on(described, stopped_when, maxcon, tmp_pa
     arguments = ("study", described, "-o", out, *METHODS, *SMALL, "--workers", "2", "--quiet")
 
     def has_two_parts(process):
-        children[:] = children_of(process.pid)
+        children[:] = map(int, Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
         return len(list(out.glob("parts/[!.]*.parquet"))) >= 2
 
     code, err = stopped_when(number, has_two_parts, *arguments)

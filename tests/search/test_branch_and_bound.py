@@ -70,11 +70,6 @@ def assert_it_is_the_best(found, accumulator, objective, space, ratio, guard_rad
         assert found.second_best < ratio * scores[guarded] or found.second_best == second_best == 0.0
 
 
-def some_cell(seed, space):
-    rng = np.random.default_rng(seed)
-    return tuple(int(rng.integers(n)) for n in space.shape)
-
-
 SPACE = SearchSpace(0.8, CELL, 1.0, 0.5)
 HERE = *street(3, SPACE), SPACE
 LIMITS = {
@@ -100,7 +95,7 @@ def test_it_finds_what_the_exhaustive_search_finds(
     space = SearchSpace(n_steps * CELL * factor, CELL * factor, *turns)
     scan, point_map, prior = street(seed, space, is_signed=is_signed, n_points=n_points)
     scene = scan, point_map.level(factor), prior, space
-    guarded = some_cell(seed, space) if is_guarded else None
+    guarded = tuple(np.random.default_rng(seed).integers(space.shape).tolist()) if is_guarded else None
     asked = {"ratio": ratio, "guard_radius": guard_radius, "guarded": guarded}
     with mock.patch.dict(MODULE.__dict__, limits):
         found = branch_and_bound(*scene, objective, **options, **asked, n_threads=n_threads)

@@ -187,12 +187,10 @@ def test_other_cells_are_refused(factor):
 
 
 # --- what every search refuses ---
-def bounded(*arguments, **options):
-    return branch_and_bound(*arguments, Count(), **options)
-
-
-def matched(*arguments):
-    return consensus_set(*arguments, (0, 0, 0))
+SEARCHES = {
+    "e": exhaustive, "v": reference.voxels, "b": lambda *given, **options: branch_and_bound(*given, Count(), **options),
+    "m": lambda *given: consensus_set(*given, (0, 0, 0)),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("searches", "prior", "space", "options", "error", "words"), [
@@ -207,9 +205,8 @@ def matched(*arguments):
 ])  # fmt: skip
 def test_what_searches_refuse(searches, prior, space, options, error, words):
     for name in searches:
-        search = {"e": exhaustive, "v": reference.voxels, "b": bounded, "m": matched}[name]
         with pytest.raises(error, match=words):
-            search(Scan(PLACE, X), POINT_MAP, prior, space() if callable(space) else space, **options)
+            SEARCHES[name](Scan(PLACE, X), POINT_MAP, prior, space() if callable(space) else space, **options)
 
 
 def test_so_many_cells_fit_and_no_more():

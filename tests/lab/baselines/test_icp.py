@@ -101,32 +101,20 @@ def test_it_has_converged_when_neither_step_nor_turn_is_long(street, street_map,
     assert estimate.status == status and street.distance(estimate.pose) < 0.5
 
 
-# --- normal equations, against finite differences and by hand ---
-@pytest.fixture
-def correspondences():
+@pytest.mark.parametrize("kind", list(Residual))
+def test_normal_equations_are_those_of_finite_differences(kind):
     generator = np.random.default_rng(3)
     arms = generator.normal(0.0, 8.0, (50, 3))
     partners = arms + generator.normal(0.0, 0.5, (50, 3))
     normals = generator.normal(size=(50, 3))
-    return arms, partners, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
 
+    def residuals(x, y, heading):
+        offsets = turn(arms, heading) + [x, y, 0.0] - partners
+        return (normals * offsets).sum(axis=1) if kind is Residual.PLANE else offsets.ravel()
 
-def residuals(kind, pose, arms, partners, normals):
-    x, y, heading = pose
-    offsets = turn(arms, heading) + [x, y, 0.0] - partners
-    return (normals * offsets).sum(axis=1) if kind is Residual.PLANE else offsets.ravel()
-
-
-@pytest.mark.parametrize("kind", list(Residual))
-def test_normal_equations_are_those_of_finite_differences(kind, correspondences):
-    arms, partners, normals = correspondences
     N, gradient = kind.normal_equations(arms, arms - partners, normals)
     step = 1e-6
-    design = np.column_stack(
-        [
-            (residuals(kind, d, *correspondences) - residuals(kind, -d, *correspondences)) / (2 * step)
-            for d in step * np.eye(3)
-        ]
-    )
+    design = np.column_stack([(residuals(*d) - residuals(*-d)) / (2 * step) for d in step * np.eye(3)])
     np.testing.assert_allclose(N, design.T @ design, rtol=1e-6, atol=1e-4)
-    np.testing.assert_allclose(gradient, design.T @ residuals(kind, np.zeros(3), *correspondences), rtol=1e-6)
+    np.testing.assert_allclose(gradient, design.T @ residuals(0.0, 0.0, 0.0), rtol=1e-6)

@@ -123,11 +123,7 @@ def test_a_wall_that_is_off_is_shown_in_its_direction():
     assert (first.first_deg, first.last_deg, second.first_deg, second.last_deg) == (0.0, 30.0, 90.0, 120.0)
     assert min(first.n_points, second.n_points) > 800 and min(first.found, second.found) > 0.95
     assert (first.offset, second.offset) == (pytest.approx(0.0, abs=0.004), pytest.approx(0.04, abs=0.004))
-    assert second.p95 < 0.06
-
-
-def test_no_scan_has_no_facing():
-    assert facings([], maxcon.PointMap.from_points(*walls(0.0))) == []
+    assert second.p95 < 0.06 and facings([], point_map) == []
 
 
 @pytest.mark.browser
