@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import maxcon as library
+from drawn_figures import undrawn
 from localized_poses import localized_poses, rows_of
 from maxcon import Trajectory
 from maxcon.cli.drive_output import parse_epochs
@@ -228,7 +229,7 @@ def test_lists_of_epochs_that_are_none(text):
         parse_epochs(text, 4)
 
 
-def test_a_page_of_the_drive_is_written_with_and_without_a_reference(localize, drive, refused, tmp_path):
+def test_a_page_of_the_drive_is_written_with_and_without_a_reference(localize, drive, refused, tmp_path, monkeypatch):
     page = tmp_path / "page.html"
     ended = localize("--report", page, "--reference", drive.dataset.reference, "-q")
     assert (ended.code, ended.err) == (0, "") and ended.out.endswith(f"a page of it: {page}\n")
@@ -236,6 +237,7 @@ def test_a_page_of_the_drive_is_written_with_and_without_a_reference(localize, d
     assert "4 of 4 scans are localized" in text and "How far from the reference" in text
     assert "12 m and 10 degrees around" in text and "assumed: " in text and "(EPSG:25832)" in text
     refused(localize("--report", tmp_path / "page.pdf", out="b.csv"), "a page .html or .htm as --report", "Rename it")
+    undrawn(monkeypatch)
     assert localize("--report", page, "--resume", "-q").code == 0
     assert "--reference POSES" in page.read_text(encoding="utf-8")
     refused(localize("--report", tmp_path / "b.csv", out="b.csv"), "--report, got one twice")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from drawn_figures import undrawn
 from maxcon.lab.study import Study
 from maxcon.lab.study.table import keys_of, table_of
 from watched_processes import all_ended
@@ -48,7 +49,8 @@ def test_a_study_that_is_stopped_goes_on(described, stopped_when, maxcon, tmp_pa
     assert all(after[row["method"], row["epoch"]] == row for row in before)  # times and all: not made again
 
 
-def test_study_and_report_say_what_they_did(described, maxcon, tmp_path):
+def test_study_and_report_say_what_they_did(described, maxcon, tmp_path, monkeypatch):
+    undrawn(monkeypatch)
     out, page, scan = tmp_path / "study", tmp_path / "page.html", tmp_path / "long" / "000000.bin"
     scan.unlink()
     scan.write_bytes(b"123")
@@ -110,6 +112,7 @@ def test_an_objective_of_one_s_own_is_compared_with_ours_alike(described, maxcon
     text = page.read_text()
     assert "adjusted to the map" not in text and "The paper says" not in text  # for none of its methods was studied
     assert "Left: Root of det N of every position" in text and "edited since" not in text
+    undrawn(monkeypatch)
     assert maxcon("report", out, "-o", page, "--objective", "own_scores:Edited").code == 0
     assert "it was not studied, or was edited since" in page.read_text()
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import maxcon
-from drawn_figures import HOSTILE, yard
+from drawn_figures import HOSTILE, undrawn, yard
 from maxcon.drive.localize import DriveOptions
 from maxcon.drive.poses_table import COVARIANCES
 from maxcon.export import PoseRow
@@ -73,14 +73,11 @@ def test_the_page_says_what_was_found_and_how_good_it_is(drive, page):
     assert text.index("Epoch 2,") < text.index("Epoch 3,") < text.index("Epoch 0,")
 
 
-def test_the_maps_part_of_the_variance_is_told(drive, page):
-    # sigma 0.01 in x and in y of variances of 4e-4 and 1e-4
-    drive.point_map.sigma = 0.01
-    assert "sigma of 0.01 m: it makes 40 % of the variance" in page(drive)
-
-
-def test_without_a_reference_nothing_is_called_right_or_wrong(drive, page):
+def test_without_a_reference_nothing_is_called_right_or_wrong_and_the_maps_part_is_told(drive, page, monkeypatch):
+    undrawn(monkeypatch)
+    drive.point_map.sigma = 0.01  # in x and in y of variances of 4e-4 and 1e-4
     text = page(replace(drive, reference=None))
+    assert "sigma of 0.01 m: it makes 40 % of the variance" in text
     assert "only a reference tells: --reference POSES" in text and "How far from the reference" not in text
     assert "arther than" not in text
 

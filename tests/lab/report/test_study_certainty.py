@@ -2,6 +2,7 @@
 
 import pytest
 
+from drawn_figures import undrawn
 from maxcon.lab.evaluation import ProtectionCounts
 from maxcon.lab.report.study_figures import certainty_of
 from study_tables import rows_of
@@ -15,6 +16,11 @@ LEVELS = {"protection_along": 0.05, "protection_across": 0.008}
 WITHHELD = ANSWER | {"status": "ambiguous", "is_localized": False}
 UNREADABLE = {"status": "unreadable scan", "is_localized": False, "is_success": False, "reference_x": 0.0}
 CONFIGURED = {"maxcon": {"method": {"class": "MaximumConsensus", "risk": 0.02}}}
+
+
+@pytest.fixture(autouse=True)
+def _undrawn(monkeypatch):
+    undrawn(monkeypatch)
 
 
 def by_prior(by_method, priors=("gnss",)):

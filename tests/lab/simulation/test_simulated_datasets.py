@@ -204,17 +204,17 @@ def test_an_epoch_of_the_suburb_is_localized(suburb_dataset, tmp_path):
 
 def test_a_walk_is_the_same_for_the_same_seed_and_is_localized_from_level_priors(tmp_path):
     scanner = ScannerLayout.MID_360.scanner()
-    options = {"n_epochs": 3, "seed": 3, "before": 20.0, "after": 15.0, "carrier": Carrier.HAND, "scanner": scanner}
+    options = {"n_epochs": 2, "seed": 3, "before": 20.0, "after": 15.0, "carrier": Carrier.HAND, "scanner": scanner}
     dataset = simulate(tmp_path / "walk", **options, mapping_scanners=PROFILES["suburb"])
     again = simulate(tmp_path / "again", **options, mapping_scanners=THINNEST["mapping_scanners"])
     np.testing.assert_array_equal(_scan(dataset, 1), _scan(again, 1))
     assert dataset.prior.read_bytes() == again.prior.read_bytes()
     assert list(dataset.priors) == ["level"]
     answers = []
-    for prior, estimate, wanted in _localized(dataset, tmp_path, range(3), "level", MaximumConsensus(widest=0.0)):
+    for prior, estimate, wanted in _localized(dataset, tmp_path, range(2), "level", MaximumConsensus(widest=0.0)):
         assert (prior.roll, prior.pitch) == pytest.approx((0.0, 0.0), abs=1e-9)
         answers.append((estimate.is_localized, np.abs(estimate.pose.less(wanted)).max() < 0.05))
-    assert answers == 3 * [(True, True)]  # tilted by 13, 17 and 22 degrees
+    assert answers == 2 * [(True, True)]  # tilted by 13 and 22 degrees
 
 
 @pytest.mark.parametrize(("make", "wrong", "words"), [
