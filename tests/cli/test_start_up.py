@@ -90,22 +90,17 @@ def test_what_the_parser_refuses_ends_with_2(maxcon, arguments):
     assert "Traceback" not in ended.err and "Error" in ended.err
 
 
-@pytest.fixture
-def run(maxcon, thin_profiles, tmp_path, monkeypatch):
-    """Run a command in the folder; what it printed. Of the city to simulate only a part is mapped, with few points."""
+def test_from_nothing_to_poses(maxcon, thin_profiles, tmp_path, monkeypatch):
+    """Of the city to simulate only a part is mapped, with few points."""
     part = partial(simulation.simulate, before=30.0, after=20.0, mapping_scanners=thin_profiles)
     monkeypatch.setattr(simulation, "simulate", part)
     monkeypatch.chdir(tmp_path)
 
-    def printed(*arguments):
+    def run(*arguments):
         ended = maxcon(*arguments)
         assert (ended.code, ended.err) == (0, ""), ended
         return ended.out
 
-    return printed
-
-
-def test_from_nothing_to_poses(run, tmp_path):
     printed = run("simulate", "dataset", "--epochs", "3", "--seed", "7", "--recording", "mcap")
     clouds = sorted((tmp_path / "dataset" / "map").glob("*.laz"))
     assert printed.splitlines()[0] == "dataset"

@@ -84,28 +84,24 @@ def test_a_street_at_31_degrees_with_a_few_surfaces_across(turned_scene, model, 
     assert_only_best(accumulator, Helmert(), (2, 3 - 2, 3 + 1))
 
 
-@pytest.fixture
-def uneven_street(scene):
-    """A street along x, surveyed 20 times as densely from 1.2 m before the sensor on; the scan is densest there."""
+def test_uneven_map_density_draws_the_count_along_the_street_but_not_helmert(scene):
+    """Figure "merged", (d) to (f), of the paper.
+
+    A street along x, surveyed 20 times as densely from 1.2 m before the sensor on; the scan is densest there.
+    """
     for y in (5.0, -6.0):
         scene.wall((-8, y), (-1.0, y)).wall((-1.0, y), (0.2, y), scan_step=0.06)
         scene.wall((0.2, y), (8, y))
         scene.wall((0.2, y), (1.4, y), repeat=20, in_scan=False)
     for x, y in ((-3.1, 5.0), (3.0, 5.0), (4.7, -6.3)):
         scene.wall((x, y), (x, y + 0.3), scan_step=0.1)
-    return scene
-
-
-def test_uneven_map_density_draws_the_count_along_the_street_but_not_helmert(uneven_street):
-    """Figure "merged", (d) to (f), of the paper."""
-    space = SearchSpace(1.8, CELL, 0.0, 0.5)
-    middle = (0, 30, 30)
-    accumulator = by_voxels(uneven_street, uneven_street.prior(0, 0), space, "points")
+    space, middle = SearchSpace(1.8, CELL, 0.0, 0.5), (0, 30, 30)
+    accumulator = by_voxels(scene, scene.prior(0, 0), space, "points")
     _, iy, ix = accumulator.best_cell(Count())
     assert iy == 30
     assert ix > 30 + 10  # along the street, by more than 0.6 m, towards the dense part
     assert_only_best(accumulator, Helmert(), middle)
-    free_of_density = by_voxels(uneven_street, uneven_street.prior(0, 0), space, "occupied")
+    free_of_density = by_voxels(scene, scene.prior(0, 0), space, "occupied")
     assert_only_best(free_of_density, Count(), middle)
     assert_only_best(free_of_density, Helmert(), middle)
 

@@ -97,22 +97,17 @@ def test_visits_of_one_pass_are_told_apart_by_time():
         np.testing.assert_array_equal(one.points, read.points)
 
 
-@pytest.fixture(params=["in memory", "on disk"])
-def sorted_points(request, tmp_path, monkeypatch):
-    """Points of which two parts went into places, with the places."""
-    if request.param == "on disk":
+@pytest.mark.parametrize("where", ["in memory", "on disk"])
+def test_points_come_back_from_their_squares(where, tmp_path, monkeypatch):
+    """Of which two parts went into places."""
+    if where == "on disk":
         monkeypatch.setattr("maxcon.mapping.build.tile_points.BUFFER_BYTES", 10_000)
     points = ORIGIN + np.random.default_rng(4).uniform([-60.0, -30.0, -2.0], [50.0, 70.0, 9.0], (3000, 3))
     places = Places(tmp_path, ORIGIN)
     for part in np.split(np.arange(3000), [1700]):
         places.add(points[part], part.astype(float), part % 7)
     places.buckets.complete()
-    assert any(tmp_path.iterdir()) == (request.param == "on disk")
-    return points, places
-
-
-def test_points_come_back_from_their_squares(sorted_points, monkeypatch):
-    points, places = sorted_points
+    assert any(tmp_path.iterdir()) == (where == "on disk")
     squares = np.floor((points - ORIGIN)[:, :2] / PLACE_EDGE).astype(int)
     assert places.buckets.keys == sorted(set(map(tuple, squares.tolist())))
     for key in places.buckets.keys:

@@ -247,20 +247,12 @@ def test_a_bridge_is_another_level(tmp_path, cloud_files):
     np.testing.assert_allclose(levels, [0.0, 5.0], atol=0.02)
 
 
-@pytest.fixture
-def street():
-    """Unclassified: a sloping road with a kerb, a car on it, a hedge's top and a roof."""
-    return np.concatenate(
-        [
-            surface((1.0, 14.0), (1.0, 9.0), lambda x, y: road(x, y) + 0.12 * (y > 7.0)),
-            surface((5.0, 9.0), (3.0, 4.7), lambda x, y: road(x, y) + 1.5, seed=1),
-            surface((1.0, 14.0), (8.0, 9.0), lambda x, y: road(x, y) + 1.2, seed=2),
-            facade(9.5),
-        ]
-    )
-
-
-def test_without_classes_the_ground_is_the_lowest_of_level_surfaces(tmp_path, cloud_files, street):
+def test_without_classes_the_ground_is_the_lowest_of_level_surfaces(tmp_path, cloud_files):
+    """Of a sloping road with a kerb, a car on it, a hedge's top and a facade."""
+    paved = surface((1.0, 14.0), (1.0, 9.0), lambda x, y: road(x, y) + 0.12 * (y > 7.0))
+    car = surface((5.0, 9.0), (3.0, 4.7), lambda x, y: road(x, y) + 1.5, seed=1)
+    hedge = surface((1.0, 14.0), (8.0, 9.0), lambda x, y: road(x, y) + 1.2, seed=2)
+    street = np.concatenate([paved, car, hedge, facade(9.5)])
     manifest = build_map([cloud_files.npz(tmp_path / "a.npz", street)], tmp_path / "a.map")
     assert manifest.build["ground"] == "of level surfaces"
     for x, y in ((3.0, 3.0), (12.0, 5.0), (7.0, 3.9), (4.0, 8.4)):
