@@ -9,29 +9,16 @@ import pytest
 
 from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust, integrity
 from maxcon.errors import OptionError
+from upright_walls import joined, scattered
 
 SPACE = SearchSpace(1.2, 0.06, 1.0)
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def wall(start, end, n, seed, height=3.0):
-    """Points on an upright wall, and its normal to the left of the way from start to end."""
-    rng = np.random.default_rng(seed)
-    along = rng.uniform(0.0, 1.0, n)[:, None]
-    ground = np.asarray(start) * (1.0 - along) + np.asarray(end) * along
-    way = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
-    normals = np.tile([-way[1], way[0], 0.0], (n, 1))
-    return np.column_stack([ground, rng.uniform(0.0, height, n)]), normals
-
-
-def joined(*walls):
-    return tuple(np.concatenate(parts) for parts in zip(*walls, strict=True))
-
-
 @pytest.fixture(scope="module")
 def corner():
     """Two walls at right angles, dense: every scan point of them matches."""
-    return joined(wall((5.01, -6), (5.01, 6), 60_000, 0), wall((6, 5.01), (-6, 5.01), 60_000, 1))
+    return joined(scattered((5.01, -6), (5.01, 6), 60_000, 0), scattered((6, 5.01), (-6, 5.01), 60_000, 1))
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +49,8 @@ def test_few_matches(corner, point_map):
 @pytest.mark.parametrize("objective", [None, Count()])
 def test_a_facade_that_repeats_is_ambiguous(objective):
     """Pilasters every 0.9 m along a wall: moved by a period nearly all of them match again."""
-    wide = wall((40, 5.01), (-40, 5.01), 200_000, 4)
-    sides = [wall((x, 5.01), (x, 4.71), 3000, 10 + k) for k, x in enumerate(np.arange(-36.09, 36.1, 0.9))]
+    wide = scattered((40, 5.01), (-40, 5.01), 200_000, 4)
+    sides = [scattered((x, 5.01), (x, 4.71), 3000, 10 + k) for k, x in enumerate(np.arange(-36.09, 36.1, 0.9))]
     point_map = PointMap.from_points(*joined(wide, *sides))
     scan = scan_of(*joined(wide, *sides), n=8000)
     method = MaximumConsensus(SPACE) if objective is None else MaximumConsensus(SPACE, objective)
@@ -75,7 +62,7 @@ def test_a_facade_that_repeats_is_ambiguous(objective):
 
 def test_walls_that_are_missing_are_told(corner, point_map):
     """Two walls fit; a third one, askew, stands in the scan but not in the map."""
-    scan = scan_of(*joined(corner, wall((-2, 3), (-5, 0), 60_000, 7)), n=6000)
+    scan = scan_of(*joined(corner, scattered((-2, 3), (-5, 0), 60_000, 7)), n=6000)
     estimate = MaximumConsensus(SPACE).localize(scan, point_map, HERE)
     assert (estimate.status, estimate.was_widened) == (Status.WALLS_MISSING, True)
     assert "wall points facing 135 degrees from +x (of 180) 0 lie on the map" in estimate.reason

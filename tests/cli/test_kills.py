@@ -110,7 +110,7 @@ WRITERS = {
 def folder_of_kills(tmp_path_factory, drive, maxcon_in_process_of_its_own):
     """Poses and a study of the drive, made undisturbed; and two rounds to align."""
     folder = tmp_path_factory.mktemp("kills")
-    poses = ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", folder / "poses.csv")
+    poses = (*drive.localize, folder / "poses.csv")
     study = ("study", drive.dataset.folder, "-o", folder / "small.study", "--methods", "helmert-occupied")
     for arguments in (poses, (*study, "--epochs", "3", "--workers", "1")):
         made = maxcon_in_process_of_its_own(*arguments)

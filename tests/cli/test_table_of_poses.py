@@ -37,7 +37,7 @@ def table(out):
 
 @pytest.fixture
 def arguments(drive, table):
-    return ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", table)
+    return *drive.localize, table
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from maxcon.drive.hypotheses import measured_covariance, window
 from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
 from maxcon.drive.tracker import Tracker, TrackingOptions
 from maxcon.geometry import wrap_angle
+from upright_walls import on_grid
 
 PERIOD = 3.0
 PORCH = 40.0
@@ -24,10 +25,7 @@ OFF = (0.9, -0.6, 0.0)
 
 def _wall(corner, along, height=3.0):
     """Points every 5 cm on an upright rectangle from a corner (x, y) along a vector (x, y), m."""
-    length = math.hypot(*along)
-    s, z = np.meshgrid(np.arange(0.025, length, 0.05), np.arange(0.025, height, 0.05))
-    towards = np.array(along) / length
-    return np.column_stack([np.asarray(corner) + s.reshape(-1, 1) * towards, z.ravel()])
+    return on_grid(corner, np.add(corner, along), (0.025, height), first=0.025)[0]
 
 
 def _street(first=-30.0, last=90.0):

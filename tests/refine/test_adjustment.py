@@ -13,6 +13,7 @@ from maxcon.geometry import wrap_angle
 from maxcon.lab.evaluation import pose_error
 from maxcon.refine import covariance, map_covariance, partner_kernels, refine
 from maxcon.refine.adjustment import CLUSTER_EDGE, MATCH_SIGMA, N_BINS, REACH, SCATTER_FACTORS, STEEPEST, WALL_RATIO
+from upright_walls import scattered
 
 
 def off(truth, rng, metres=0.09, degrees=0.25):
@@ -86,9 +87,7 @@ def test_without_a_map_the_start_is_kept_and_its_covariance(yard):
 
 
 def test_a_single_wall_leaves_the_rest_at_the_start():
-    rng = np.random.default_rng(0)
-    points = np.column_stack([np.full(4000, 5.013), rng.uniform(-4, 4, 4000), rng.uniform(-1, 3, 4000)])
-    normals = np.tile([-1.0, 0.0, 0.0], (4000, 1))
+    points, normals = scattered((5.013, -4.0), (5.013, 4.0), 4000, 0, (-1.0, 3.0))
     refined = refine(Scan(points, normals), PointMap.from_points(points, normals), Pose(0.05, 0.07, 0.0, 0, 0, 0))
     assert refined.pose.x == pytest.approx(0.0, abs=0.001)
     assert refined.pose.y == pytest.approx(0.07, abs=0.02)

@@ -13,6 +13,7 @@ from maxcon import MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trust
 from maxcon.estimate import Status
 from maxcon.refine import fit, patterns, refine
 from maxcon.refine.adjustment import table_around
+from upright_walls import joined, scattered
 from walled_towns import TRUTH, beside, made, seen, walls
 
 SPACE = SearchSpace(1.0, heading_half_width_deg=2.0)
@@ -124,10 +125,8 @@ def test_a_large_pattern_that_the_scan_does_not_have_leaves_it_unexplained(monke
 
 
 def test_a_pattern_that_the_pose_takes_up_is_not_seen_in_a_scan_without_any_noise():
-    rng = np.random.default_rng(0)
-    wall = np.column_stack([np.full(20_000, 10.0), rng.uniform(-8, 8, 20_000), rng.uniform(0, 4, 20_000)])
-    side = np.column_stack([rng.uniform(-8, 10, 20_000), np.full(20_000, 8.0), rng.uniform(0, 4, 20_000)])
-    points, normals = np.concatenate([wall, side]), np.repeat([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], 20_000, axis=0)
+    ways = (((10.0, -8.0), (10.0, 8.0)), ((10.0, 8.0), (-8.0, 8.0)))
+    points, normals = joined(*(scattered(*way, 20_000, seed, (0.0, 4.0)) for seed, way in enumerate(ways)))
     corner = PointMap.from_points(points, normals, cell=0.06)
     found = fitted(Scan(points - [1.0, 2.0, 1.8]), corner, Pose(1.0, 2.0, 1.8, 0.0, 0.0, 0.0))
     assert (found.misfit, found.words) == (0.0, "")

@@ -21,6 +21,7 @@ from maxcon.refine import (
     validation,
 )  # fmt: skip
 from maxcon.refine.adjustment import PASSES
+from upright_walls import joined, scattered
 
 HERE = Pose(0.2, -0.1, 1.6, 0.0, 0.0, 0.3)
 ON_GROUND = replace(HERE, z=1.55, roll=0.01)
@@ -29,15 +30,9 @@ RISK = 0.01
 
 def wall(azimuth_deg, distance, n, rng):
     """Points of a wall that faces the origin, seen at an azimuth; and its normals."""
-    azimuth = math.radians(azimuth_deg)
-    out = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
-    along = np.array([-out[1], out[0], 0.0])
-    points = distance * out + rng.uniform(-6, 6, (n, 1)) * along + rng.uniform(-1, 4, (n, 1)) * [0.0, 0.0, 1.0]
-    return points, np.tile(-out, (n, 1))
-
-
-def joined(*walls):
-    return tuple(np.concatenate(parts) for parts in zip(*walls, strict=True))
+    c, s = math.cos(math.radians(azimuth_deg)), math.sin(math.radians(azimuth_deg))
+    middle, along = distance * np.array([c, s]), 6.0 * np.array([-s, c])
+    return scattered(middle - along, middle + along, n, rng, (-1.0, 4.0))
 
 
 @pytest.fixture(scope="module")

@@ -251,21 +251,15 @@ def test_cells_hold_the_half_widths_of_an_open_space(half_width, turn_deg, cell,
 
 
 # --- rounding to whole steps ---
-@pytest.mark.parametrize(
-    ("half_width", "n"),
-    [(0.0, 0), (0.9e-6, 0), (1.0 + 0.9e-6, 1), (50_000.0 * (1.0 + 0.9e-6), 50_000), (1.0 * MOST_STEPS, MOST_STEPS)],
-)  # fmt: skip
-def test_a_millionth_is_forgiven_of_a_step_or_of_all_of_them(half_width, n):
-    assert _n_steps(half_width, 1.0, "offsets", "m") == n
-
-
-@pytest.mark.parametrize(("half_width", "words"), [
-    *((width, "a multiple of its step") for width in (1.1e-6, 1.0 + 1.1e-6, 50_000.0 * (1.0 + 1.1e-6), 0.5)),
-    (MOST_STEPS + 1.0, "at most 100,000 cells in the half width of the offsets"),
-])  # fmt: skip
-def test_more_is_not_forgiven(half_width, words):
-    with pytest.raises(SearchSpaceError, match=words):
-        _n_steps(half_width, 1.0, "offsets", "m")
+def test_a_millionth_is_forgiven_of_a_step_or_of_all_of_them_and_no_more():
+    all_but, beyond = 50_000.0 * (1.0 + 0.9e-6), 50_000.0 * (1.0 + 1.1e-6)
+    for half_width, n in ((0.0, 0), (0.9e-6, 0), (1.0 + 0.9e-6, 1), (all_but, 50_000), (1.0 * MOST_STEPS, MOST_STEPS)):
+        assert _n_steps(half_width, 1.0, "offsets", "m") == n
+    for half_width in (1.1e-6, 1.0 + 1.1e-6, beyond, 0.5):
+        with pytest.raises(SearchSpaceError, match="a multiple of its step"):
+            _n_steps(half_width, 1.0, "offsets", "m")
+    with pytest.raises(SearchSpaceError, match="at most 100,000 cells in the half width of the offsets"):
+        _n_steps(MOST_STEPS + 1.0, 1.0, "offsets", "m")
 
 
 @pytest.mark.parametrize(("reach", "options", "held"), [
