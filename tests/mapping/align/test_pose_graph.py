@@ -159,13 +159,8 @@ def silent(step, done, total):
 
 
 def numbers(passes, headers):
-    return np.concatenate(
-        [
-            passes.of_points(part.times, part.source_ids, file)
-            for file, header in enumerate(headers)
-            for part in read_passes(header)
-        ]
-    ).tolist()
+    parts = [(file, part) for file, header in enumerate(headers) for part in read_passes(header)]
+    return np.concatenate([passes.of_points(part.times, part.source_ids, file) for file, part in parts]).tolist()
 
 
 @pytest.fixture
