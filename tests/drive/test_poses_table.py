@@ -94,7 +94,7 @@ def test_a_reason_in_any_letters_and_lines_is_written_the_same_under_any_locale(
         "poses_table.write_poses(sys.argv[1], [replace(made_epoch(0), reason='a \"scan\",\\nin Stra\\u00dfe\\udcdf')])"
     )
     plain = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "PYTHONPATH": str(Path(__file__).parent)}
-    plain["PYTHONPATH"] += os.pathsep + os.environ.get("PYTHONPATH", "")
+    plain["PYTHONPATH"] += os.pathsep.join(["", str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     subprocess.run([sys.executable, "-c", script, path], env=os.environ | plain, check=True)
     assert [row["reason"] for row in rows_of(path)] == ['a "scan", in Straße?']
     assert poses_table.rows_there(path, np.array([START])).n_rows == 1
