@@ -8,7 +8,7 @@ from filelock import FileLock
 from hypothesis import Phase, settings
 
 # No time limit per example: loops are compiled at first use.
-settings.register_profile("maxcon", deadline=None, max_examples=30)
+settings.register_profile("maxcon", deadline=None, max_examples=20)
 settings.register_profile("full", deadline=None, max_examples=100)
 # For a mutation test: the same examples for every mutant, and no time for making a failing one simple.
 settings.register_profile(

@@ -66,6 +66,12 @@ class BelowZero:
         return moments[..., 0] - 3.0
 
 
+def undrawn(monkeypatch):
+    """From here on figures are saved empty, and not laid out, which takes its time: of tests of what is beside them."""
+    monkeypatch.setattr("maxcon.plotting.figure._keep_layout", lambda figure: None)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **_: path.write_text("<svg/>"))
+
+
 def words(path):
     """What is written in an SVG: each text is named in a comment before its outlines."""
     return [unescape(text) for text in re.findall("<!-- (.*?) -->", path.read_text(encoding="utf-8"), flags=re.S)]

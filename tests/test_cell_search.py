@@ -14,6 +14,10 @@ from maxcon.integrity import reasons_to_doubt_answer
 CELL = 0.06
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
+PRIOR = Pose(4.0, -3.0, 1.0, 0.0, 0.0, 0.3)
+SMALL = SearchSpace(0.3, CELL, 1.0, 0.5)
+MIDDLE = (2, 5, 5)
+FEW = np.array([4.0, 1.2, 0.0, 2.5])
 
 
 @pytest.fixture
@@ -30,8 +34,7 @@ def corner():
 def test_the_search_that_is_asked_for_is_made_and_only_open_spaces_coarse_to_fine(corner, monkeypatch):
     bounded, exhaustive = (MaximumConsensus(search=name).cell_search for name in ("branch-and-bound", "exhaustive"))
     is_open = SearchSpace(1.0, heading_half_width_deg=2.0)
-    assert bounded.is_coarse_to_fine(is_open)
-    assert not exhaustive.is_coarse_to_fine(is_open)
+    assert bounded.is_coarse_to_fine(is_open) and not exhaustive.is_coarse_to_fine(is_open)
     assert not bounded.is_coarse_to_fine(is_open.at(CELL))
     bounded, exhaustive = (MaximumConsensus(SPACE, search=by).cell_search for by in ("branch-and-bound", "exhaustive"))
     with monkeypatch.context() as patched:
@@ -69,14 +72,7 @@ def test_the_runner_up_is_a_ratio_of_helmert_s_scores_however_low_these_are(corn
     assert estimate.runner_up == pytest.approx(runner_up)
 
 
-# --- the estimate of a best cell ----------------------------------------------------------------------
-
-PRIOR = Pose(4.0, -3.0, 1.0, 0.0, 0.0, 0.3)
-SMALL = SearchSpace(0.3, CELL, 1.0, 0.5)
-MIDDLE = (2, 5, 5)
-FEW = np.array([4.0, 1.2, 0.0, 2.5])
-
-
+# --- the estimate of a best cell ---
 def scene(cell, n_matching=4, n_points=16):
     """Points of which the first few lie in voxels of three map points, and the others in none, at a cell."""
     pose = SMALL.pose(cell, PRIOR)
@@ -120,8 +116,7 @@ def test_what_is_known_of_the_cell_is_passed_on():
     np.testing.assert_allclose(estimate.cofactor, [[1 / 1.2, 0.0], [0.0, 1 / 2.5]])
     assert judged(replace(best, runner_up=0.9)).status is Status.AMBIGUOUS
     (words,) = reasons_to_doubt_answer(FEW)  # few matches in a direction: only where matches are what is counted
-    assert words in estimate.reason
-    assert words not in judged(best, "points").reason
+    assert words in estimate.reason and words not in judged(best, "points").reason
 
 
 @pytest.mark.parametrize(("heading", "turn_deg"), [(0, -1.5), (4, 1.5)])
@@ -137,34 +132,28 @@ def test_only_a_higher_score_beyond_the_last_heading_is_the_boundary(monkeypatch
     assert (prior.x, prior.y, prior.z) == (PRIOR.x, PRIOR.y, PRIOR.z)
 
 
-@pytest.mark.parametrize(
-    ("cell", "told", "status"),
-    [
-        *(((heading, 5, 5), None, Status.LOCALIZED) for heading in (1, 2, 3)),
-        ((2, 0, 5), None, Status.AT_RIM),
-        ((2, 5, 9), None, Status.AT_RIM),
-        ((2, 0, 5), False, Status.LOCALIZED),
-        (MIDDLE, True, Status.AT_RIM),
-        ((0, 5, 5), False, Status.LOCALIZED),
-    ],
-)
+@pytest.mark.parametrize(("cell", "told", "status"), [
+    *(((heading, 5, 5), None, Status.LOCALIZED) for heading in (1, 2, 3)),
+    ((2, 0, 5), None, Status.AT_RIM),
+    ((2, 5, 9), None, Status.AT_RIM),
+    ((2, 0, 5), False, Status.LOCALIZED),
+    (MIDDLE, True, Status.AT_RIM),
+    ((0, 5, 5), False, Status.LOCALIZED),
+])  # fmt: skip
 def test_whoever_looked_beyond_tells_the_boundary_and_otherwise_the_cell_does(cell, told, status):
     objective = Constant(5.0)
     assert judged(best_cell(cell, is_at_boundary=told), objective=objective).status is status
     assert objective.shapes == []
 
 
-@pytest.mark.parametrize(
-    ("offset", "turn_deg", "space", "is_beyond"),
-    [
-        (11.88, 0.0, SearchSpace(12.0), False), (11.94, 0.0, SearchSpace(12.0), True),
-        (-11.94, 0.0, SearchSpace(12.0), False), (-12.0, 0.0, SearchSpace(12.0), True),
-        (-12.3, 0.0, SearchSpace(12.0), True), (0.0, 10.24, SearchSpace(12.0), False),
-        (0.0, -10.26, SearchSpace(12.0), True), (0.0, 349.76, SearchSpace(12.0), False),
-        (0.03, 0.0, SearchSpace(0.0), False), (0.3, 0.0, SearchSpace(0.3), True),
-        (-CELL, 0.0, SearchSpace(CELL), False), (CELL, 0.0, SearchSpace(CELL), True),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("offset", "turn_deg", "space", "is_beyond"), [
+    (11.88, 0.0, SearchSpace(12.0), False), (11.94, 0.0, SearchSpace(12.0), True),
+    (-11.94, 0.0, SearchSpace(12.0), False), (-12.0, 0.0, SearchSpace(12.0), True),
+    (-12.3, 0.0, SearchSpace(12.0), True), (0.0, 10.24, SearchSpace(12.0), False),
+    (0.0, -10.26, SearchSpace(12.0), True), (0.0, 349.76, SearchSpace(12.0), False),
+    (0.03, 0.0, SearchSpace(0.0), False), (0.3, 0.0, SearchSpace(0.3), True),
+    (-CELL, 0.0, SearchSpace(CELL), False), (CELL, 0.0, SearchSpace(CELL), True),
+])  # fmt: skip
 def test_the_boundary_is_the_outermost_cell_or_half_a_step_beyond_the_last_heading(offset, turn_deg, space, is_beyond):
     for at in (0.0, 0.1, 50.0, -1234.56):  # rounding decides nothing
         prior = replace(HERE, x=at, y=-at, heading=2.0)

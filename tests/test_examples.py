@@ -18,8 +18,7 @@ def _run(name, folder):
     """Lines that an example prints when it is started from another folder."""
     command = [sys.executable, "-W", "error", FOLDER / name]
     ended = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=900)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert list(folder.iterdir()) == []
+    assert (ended.returncode, ended.stderr) == (0, "") and list(folder.iterdir()) == []
     return ended.stdout.splitlines()
 
 

@@ -10,6 +10,7 @@ import pytest
 from maxcon import Helmert, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
 from maxcon.refine import fit_ground
 from maxcon.search import branch_and_bound
+from upright_walls import joined, on_grid
 
 CELL = 0.06
 SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
@@ -139,8 +140,7 @@ def test_a_height_that_the_ground_of_the_answer_confirms_is_not_at_the_boundary(
     prior = wrong(truth, 0.3)
     estimate = MaximumConsensus(replace(SPACE, height_half_width=0.3)).localize(scan, point_map, prior)
     assert told[0] is None and told[1] is not None
-    assert estimate.status is Status.LOCALIZED
-    assert abs(estimate.pose.z - truth.z) < 0.02
+    assert estimate.status is Status.LOCALIZED and abs(estimate.pose.z - truth.z) < 0.02
 
 
 def test_with_ground_heights_are_not_searched(yard, monkeypatch):
@@ -190,15 +190,10 @@ def garage(request):
     for storey in range(3):
         x, y = (grid.ravel() for grid in np.meshgrid(*2 * [np.arange(-12.0, 12.0, 0.1)]))
         floors.append(np.column_stack([x, y, np.full(len(x), 2.8 * storey)]))
-        at, z = (grid.ravel() for grid in np.meshgrid(np.arange(-12.0, 12.0, 0.04), np.arange(0.1, 2.6, 0.04)))
-        sides = [(np.column_stack([0.0 * at + 12.03, at, z + 2.8 * storey]), [-1.0, 0.0, 0.0]),
-                 (np.column_stack([at, 0.0 * at - 12.03, z + 2.8 * storey]), [0.0, 1.0, 0.0])]  # fmt: skip
-        face, z = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, 0.6, 0.04), np.arange(0.1, 2.6, 0.04)))
-        for px, py in places[storey if differs else 0]:
-            sides.append((np.column_stack([px + 0.0 * face, py + face, z + 2.8 * storey]), [-1.0, 0.0, 0.0]))
-            sides.append((np.column_stack([px + face, py + 0.0 * face, z + 2.8 * storey]), [0.0, -1.0, 0.0]))
-        points = np.concatenate([part for part, _ in sides])
-        clouds.append((points, np.concatenate([np.tile(normal, (len(part), 1)) for part, normal in sides])))
+        ways = [((12.03, -12.0), (12.03, 12.0)), ((-12.0, -12.03), (12.0, -12.03))]
+        for x, y in places[storey if differs else 0]:
+            ways += [((x, y), (x, y + 0.6)), ((x + 0.6, y), (x, y))]
+        clouds.append(joined(*(on_grid(*way, (2.8 * storey + 0.1, 2.8 * storey + 2.6), 0.04) for way in ways)))
     city = PointMap.from_points(*map(np.concatenate, zip(*clouds, strict=True)), CELL, ground=np.concatenate(floors))
     seen, below = rng.permutation(len(clouds[1][0]))[:6000], rng.permutation(len(floors[1]))[:6000]
     points = np.concatenate([clouds[1][0][seen], floors[1][below]])
@@ -215,8 +210,7 @@ def test_storeys_are_told_apart_or_the_answer_is_ambiguous(garage, height):
         assert estimate.is_localized
         np.testing.assert_allclose(estimate.pose.position, truth.position, atol=0.05)
     else:
-        assert estimate.status is Status.AMBIGUOUS
-        assert "the storey " in estimate.reason
+        assert estimate.status is Status.AMBIGUOUS and "the storey " in estimate.reason
 
 
 def test_a_prior_without_a_tilt_is_searched_from_the_scans_own(yard):

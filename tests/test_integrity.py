@@ -10,29 +10,16 @@ import pytest
 from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust, integrity
 from maxcon.errors import OptionError
 from maxcon.lab.distinctness import peak_ratio
+from upright_walls import joined, scattered
 
 SPACE = SearchSpace(1.2, 0.06, 1.0)
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def wall(start, end, n, seed, height=3.0):
-    """Points on an upright wall, and its normal to the left of the way from start to end."""
-    rng = np.random.default_rng(seed)
-    along = rng.uniform(0.0, 1.0, n)[:, None]
-    ground = np.asarray(start) * (1.0 - along) + np.asarray(end) * along
-    way = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
-    normals = np.tile([-way[1], way[0], 0.0], (n, 1))
-    return np.column_stack([ground, rng.uniform(0.0, height, n)]), normals
-
-
-def joined(*walls):
-    return tuple(np.concatenate(parts) for parts in zip(*walls, strict=True))
-
-
 @pytest.fixture(scope="module")
 def corner():
     """Two walls at right angles, dense: every scan point of them matches."""
-    return joined(wall((5.01, -6), (5.01, 6), 60_000, 0), wall((6, 5.01), (-6, 5.01), 60_000, 1))
+    return joined(scattered((5.01, -6), (5.01, 6), 60_000, 0), scattered((6, 5.01), (-6, 5.01), 60_000, 1))
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +35,7 @@ def scan_of(points, normals, n=3000, seed=2):
 def test_a_corner_is_localized_and_tells_how_much_matches_and_its_second_best(corner, point_map):
     for search, most in (("exhaustive", 0.5), ("branch-and-bound", 0.8)):  # bounds prove what is asked for
         estimate = MaximumConsensus(SPACE, search=search).localize(scan_of(*corner), point_map, HERE)
-        assert (estimate.status, estimate.reason) == (Status.LOCALIZED, "")
-        assert estimate.share > 0.9
+        assert (estimate.status, estimate.reason) == (Status.LOCALIZED, "") and estimate.share > 0.9
         assert 0.0 <= estimate.runner_up < most
 
 
@@ -64,41 +50,37 @@ def test_few_matches(corner, point_map):
 @pytest.mark.parametrize("objective", [None, Count()])
 def test_a_facade_that_repeats_is_ambiguous(objective):
     """Pilasters every 0.9 m along a wall: moved by a period nearly all of them match again."""
-    wide = wall((40, 5.01), (-40, 5.01), 200_000, 4)
-    sides = [wall((x, 5.01), (x, 4.71), 3000, 10 + k) for k, x in enumerate(np.arange(-36.09, 36.1, 0.9))]
+    wide = scattered((40, 5.01), (-40, 5.01), 200_000, 4)
+    sides = [scattered((x, 5.01), (x, 4.71), 3000, 10 + k) for k, x in enumerate(np.arange(-36.09, 36.1, 0.9))]
     point_map = PointMap.from_points(*joined(wide, *sides))
     scan = scan_of(*joined(wide, *sides), n=8000)
     method = MaximumConsensus(SPACE) if objective is None else MaximumConsensus(SPACE, objective)
     estimate = method.localize(scan, point_map, HERE)
-    assert estimate.runner_up > 0.8
-    assert estimate.status is Status.AMBIGUOUS
+    assert estimate.runner_up > 0.8 and estimate.status is Status.AMBIGUOUS
     sure = replace(method, trust=Trust(largest_runner_up=1.0))
     assert sure.localize(scan, point_map, HERE).status in (Status.LOCALIZED, Status.AMBIGUOUS)
 
 
 def test_walls_that_are_missing_are_told(corner, point_map):
     """Two walls fit; a third one, askew, stands in the scan but not in the map."""
-    scan = scan_of(*joined(corner, wall((-2, 3), (-5, 0), 60_000, 7)), n=6000)
+    scan = scan_of(*joined(corner, scattered((-2, 3), (-5, 0), 60_000, 7)), n=6000)
     estimate = MaximumConsensus(SPACE).localize(scan, point_map, HERE)
     assert (estimate.status, estimate.was_widened) == (Status.WALLS_MISSING, True)
     assert "wall points facing 135 degrees from +x (of 180) 0 lie on the map" in estimate.reason
     assert MaximumConsensus(SPACE, refinement=False).localize(scan, point_map, HERE).is_localized
 
 
-@pytest.mark.parametrize(
-    ("evidence", "status"),
-    [
-        ({}, Status.LOCALIZED),
-        ({"is_determined": False}, Status.UNDETERMINED),
-        ({"is_determined": False, "share": 0.0, "is_at_boundary": True, "runner_up": 1.0}, Status.UNDETERMINED),
-        ({"share": 0.05}, Status.LOCALIZED),
-        ({"share": 0.049}, Status.FEW_MATCHES),
-        ({"share": 0.049, "is_at_boundary": True, "runner_up": 1.0}, Status.FEW_MATCHES),
-        ({"is_at_boundary": True, "runner_up": 1.0}, Status.AT_RIM),
-        ({"runner_up": 0.8}, Status.LOCALIZED),
-        ({"runner_up": 0.801}, Status.AMBIGUOUS),
-    ],
-)
+@pytest.mark.parametrize(("evidence", "status"), [
+    ({}, Status.LOCALIZED),
+    ({"is_determined": False}, Status.UNDETERMINED),
+    ({"is_determined": False, "share": 0.0, "is_at_boundary": True, "runner_up": 1.0}, Status.UNDETERMINED),
+    ({"share": 0.05}, Status.LOCALIZED),
+    ({"share": 0.049}, Status.FEW_MATCHES),
+    ({"share": 0.049, "is_at_boundary": True, "runner_up": 1.0}, Status.FEW_MATCHES),
+    ({"is_at_boundary": True, "runner_up": 1.0}, Status.AT_RIM),
+    ({"runner_up": 0.8}, Status.LOCALIZED),
+    ({"runner_up": 0.801}, Status.AMBIGUOUS),
+])  # fmt: skip
 def test_what_a_best_cell_is_judged_by(evidence, status):
     good = {"is_determined": True, "share": 0.5, "is_at_boundary": False, "runner_up": 0.5}
     assert Trust().status_of_cell(**{**good, **evidence}) is status
@@ -106,17 +88,14 @@ def test_what_a_best_cell_is_judged_by(evidence, status):
     assert (Trust(largest_runner_up=limit).status_of_cell(**{**good, "runner_up": limit})) is Status.LOCALIZED
 
 
-@pytest.mark.parametrize(
-    ("evidence", "status"),
-    [
-        ({}, Status.LOCALIZED), ({"n_planes": 50}, Status.LOCALIZED), ({"moved": 0.25}, Status.LOCALIZED),
-        ({"wall_share": 0.05}, Status.LOCALIZED), ({"wall_share": 0.02, "is_confirmed": True}, Status.LOCALIZED),
-        ({"n_planes": 49}, Status.NOT_CONFIRMED), ({"moved": 0.26}, Status.NOT_CONFIRMED),
-        ({"wall_share": 0.049}, Status.WALLS_MISSING), ({"wall_share": 0.021, "is_confirmed": True}, Status.LOCALIZED),
-        ({"wall_share": 0.019, "is_confirmed": True}, Status.WALLS_MISSING),
-        ({"wall_share": None}, Status.WALLS_MISSING), ({"wall_share": None, "is_confirmed": True}, Status.LOCALIZED),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("evidence", "status"), [
+    ({}, Status.LOCALIZED), ({"n_planes": 50}, Status.LOCALIZED), ({"moved": 0.25}, Status.LOCALIZED),
+    ({"wall_share": 0.05}, Status.LOCALIZED), ({"wall_share": 0.02, "is_confirmed": True}, Status.LOCALIZED),
+    ({"n_planes": 49}, Status.NOT_CONFIRMED), ({"moved": 0.26}, Status.NOT_CONFIRMED),
+    ({"wall_share": 0.049}, Status.WALLS_MISSING), ({"wall_share": 0.021, "is_confirmed": True}, Status.LOCALIZED),
+    ({"wall_share": 0.019, "is_confirmed": True}, Status.WALLS_MISSING),
+    ({"wall_share": None}, Status.WALLS_MISSING), ({"wall_share": None, "is_confirmed": True}, Status.LOCALIZED),
+])  # fmt: skip
 def test_what_a_refined_pose_is_judged_by(evidence, status):
     good = {"n_planes": 500, "moved": 0.05, "wall_share": 0.5, "is_confirmed": False}
     assert Trust().status_of_pose(**{**good, **evidence}) is status
@@ -132,20 +111,17 @@ def test_the_protection_level_is_along_and_across_the_heading_and_of_two_directi
     assert integrity.protection_level(covariance, 0.0, 0.005) == (math.inf, math.inf)
 
 
-@pytest.mark.parametrize(
-    ("best", "others", "guard_radius", "highest"),
-    [  # cells of 0.125 m
-        ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.5, 3.0),  # next to it: its slope
-        ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.7, 2.0),
-        ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 5.0, 0.0),
-        ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.5, 2.0),  # 0.5 m away, not farther; and 0.625 m
-        ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.49, 3.0),
-        ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 3, 12), 3.0), ((1, 9, 3), 2.0)], 0.4, 3.0),  # rows are not columns
-        ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.4, 1.0),
-        ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.3, 2.0),
-        ((1, 8, 8), [((1, 0, 0), 3.0), ((1, 15, 15), 2.0)], 0.5, 3.0),  # at the corner of the space
-    ],
-)
+@pytest.mark.parametrize(("best", "others", "guard_radius", "highest"), [  # cells of 0.125 m
+    ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.5, 3.0),  # next to it: its slope
+    ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.7, 2.0),
+    ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 5.0, 0.0),
+    ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.5, 2.0),  # 0.5 m away, not farther; and 0.625 m
+    ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.49, 3.0),
+    ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 3, 12), 3.0), ((1, 9, 3), 2.0)], 0.4, 3.0),  # rows are not columns
+    ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.4, 1.0),
+    ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.3, 2.0),
+    ((1, 8, 8), [((1, 0, 0), 3.0), ((1, 15, 15), 2.0)], 0.5, 3.0),  # at the corner of the space
+])  # fmt: skip
 def test_the_second_best_lies_beyond_the_guard_radius_and_not_on_it(best, others, guard_radius, highest):
     space = SearchSpace(1.0, 0.125, 0.5)
     scores = np.zeros(space.shape)
@@ -182,9 +158,7 @@ def test_the_defaults_are_those_of_the_decisions():
         Trust().least_share = 0.0
 
 
-# --- what casts doubt ---------------------------------------------------------------------------------
-
-
+# --- what casts doubt ---
 def with_normals(n, n_horizontal, n_upright):
     """Points of which some have a horizontal normal, some an upright one, and the others none."""
     normals = np.zeros((n, 3))
@@ -193,20 +167,17 @@ def with_normals(n, n_horizontal, n_upright):
     return Scan(np.arange(n)[:, None] * [1.0, 0.0, 0.0] + 1.0, normals)  # so far apart that the sample holds all
 
 
-@pytest.mark.parametrize(
-    ("scan", "words"),
-    [
-        ((499, 400, 0), "only 499 points"),
-        ((500, 400, 0), None),
-        ((1000, 30, 70), None),  # 10 % with a normal, 3 % a horizontal one
-        ((1000, 30, 69), "normals on 10 % of the points, horizontal ones on 3.0 %"),
-        ((1000, 29, 71), "normals on 10 % of the points, horizontal ones on 2.9 %"),
-        ((1000, 0, 900), "normals on 90 % of the points, none horizontal"),
-        ((1000, 1, 500), "horizontal ones on 0.1 %"),
-        ((1000, 95, 0), "horizontal ones on 9.5 %"),
-        ((1000, 0, 0), "normals on 0 % of the points, none horizontal"),
-    ],
-)
+@pytest.mark.parametrize(("scan", "words"), [
+    ((499, 400, 0), "only 499 points"),
+    ((500, 400, 0), None),
+    ((1000, 30, 70), None),  # 10 % with a normal, 3 % a horizontal one
+    ((1000, 30, 69), "normals on 10 % of the points, horizontal ones on 3.0 %"),
+    ((1000, 29, 71), "normals on 10 % of the points, horizontal ones on 2.9 %"),
+    ((1000, 0, 900), "normals on 90 % of the points, none horizontal"),
+    ((1000, 1, 500), "horizontal ones on 0.1 %"),
+    ((1000, 95, 0), "horizontal ones on 9.5 %"),
+    ((1000, 0, 0), "normals on 0 % of the points, none horizontal"),
+])  # fmt: skip
 def test_scans_that_are_just_ordinary_and_just_not(scan, words):
     reasons = integrity.reasons_to_doubt_scan(with_normals(*scan), HERE)
     assert len(reasons) == (words is not None)
@@ -247,19 +218,14 @@ def test_a_scan_without_normals_says_so_beside_its_answer(corner, point_map, sea
     assert (nowhere.status, nowhere.reason) == (Status.NO_MATCH, estimate.reason)
 
 
-# --- where trust ends ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("least", "most", "is_determined"),
-    [
-        (1.0, 10.0, True),  # a match in full, in the least determined direction
-        (0.999, 10.0, False),
-        (1.001, 1.0 / integrity.LEAST_EIGENVALUE_RATIO, True),
-        (4.001 * integrity.LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, True),  # walls whose normals are 3 degrees off
-        (3.999 * integrity.LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, False),
-    ],
-)
+# --- where trust ends ---
+@pytest.mark.parametrize(("least", "most", "is_determined"), [
+    (1.0, 10.0, True),  # a match in full, in the least determined direction
+    (0.999, 10.0, False),
+    (1.001, 1.0 / integrity.LEAST_EIGENVALUE_RATIO, True),
+    (4.001 * integrity.LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, True),  # walls whose normals are 3 degrees off
+    (3.999 * integrity.LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, False),
+])  # fmt: skip
 def test_what_determines_a_position(least, most, is_determined):
     found, cofactor = integrity.invert(np.diag([most, least]))
     assert found is is_determined
@@ -287,5 +253,4 @@ def test_horizontal_is_within_30_degrees():
         normal, n = [math.cos(math.radians(degrees)), 0.0, math.sin(math.radians(degrees))], integrity.FEWEST_POINTS
         return integrity.reasons_to_doubt_scan(Scan(np.ones((n, 3)), [normal] * n), HERE)
 
-    assert not doubted(29.9)
-    assert "none horizontal" in doubted(30.1)[0]
+    assert not doubted(29.9) and "none horizontal" in doubted(30.1)[0]

@@ -18,6 +18,7 @@ from maxcon.search import Weighting
 CELL = 0.06
 TRUTH = Pose(5.0, -3.0, 1.5, 0.01, -0.02, 0.7)
 SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
+EMPTY = np.empty((0, 3))
 
 
 def corner(noise_deg=0.0, seed=0, density=1):
@@ -69,8 +70,7 @@ def prior_of(cells_x, cells_y, turn_deg):
 def test_it_finds_the_pose(scan, point_map, multiplicity, objective, n_threads):
     method = MaximumConsensus(SPACE, objective, multiplicity, n_threads, refinement=False)
     estimate = method.localize(scan, point_map, prior_of(4, -7, 0.5))
-    assert estimate.status is Status.LOCALIZED
-    assert estimate.is_localized
+    assert estimate.status is Status.LOCALIZED and estimate.is_localized
     assert estimate.cell == (3, 10 - 7, 10 + 4)
     np.testing.assert_allclose(estimate.pose.position, TRUTH.position, atol=1e-9)
     assert estimate.pose.heading == pytest.approx(TRUTH.heading)
@@ -89,8 +89,7 @@ def test_the_cofactor_is_the_inverse_of_n_and_the_score_that_of_its_trace(scan, 
     accumulator = method.accumulate(scan, point_map, prior_of(0, 0, 0))
     estimate = method.conclude(accumulator, scan, point_map)
     n_x, n_y = accumulator.moments[estimate.cell][[1, 3]]
-    assert n_x >= 38
-    assert n_y >= 58
+    assert n_x >= 38 and n_y >= 58
     np.testing.assert_allclose(estimate.cofactor, np.diag([1 / n_x, 1 / n_y]), rtol=1e-9, atol=1e-12)
     assert estimate.score == pytest.approx(1.0 / np.trace(estimate.cofactor), rel=1e-9)
     assert estimate.helmert_point_error == pytest.approx(math.sqrt(1 / n_x + 1 / n_y), rel=1e-9)
@@ -142,8 +141,7 @@ def test_the_heading_beyond_the_space_is_scored_with_the_same_weights(scan, dens
     method = MaximumConsensus(SPACE, multiplicity=multiplicity, weighting="one", wider=0.0)
     estimate = method.localize(bare, dense[1], prior_of(0, 0, turn_deg))
     assert estimate.cell[0] == (4 if turn_deg > 0 else 0)
-    assert not SPACE.is_at_boundary(estimate.cell)
-    assert estimate.status is Status.AT_RIM
+    assert not SPACE.is_at_boundary(estimate.cell) and estimate.status is Status.AT_RIM
 
 
 @pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
@@ -176,25 +174,19 @@ def test_an_answer_in_doubt_is_searched_for_again_twice_as_wide(dense):
     assert lost.reason.endswith("searched for up to 5 m around")
 
 
-@pytest.mark.parametrize(
-    ("half_width", "turn_deg", "wider", "widest", "wanted"),
-    [
-        (3.0, 2.0, 12.0, 0.0, [(12.0, 4.0)]),
-        (3.0, 2.0, 0.0, 24.0, []),
-        (1.0, 1.0, 12.0, 24.0, [(12.0, 10.0), (24.0, 20.0)]),
-        (1.0, 1.0, 5.0, 24.0, [(5.0, 10.0), (10.0, 20.0), (20.0, 20.0), (24.0, 20.0)]),
-        (18.0, 30.0, 12.0, 24.0, [(18.0, 30.0), (24.0, 30.0)]),
-        (24.0, 10.0, 12.0, 24.0, [(24.0, 20.0)]),
-    ],
-)
+@pytest.mark.parametrize(("half_width", "turn_deg", "wider", "widest", "wanted"), [
+    (3.0, 2.0, 12.0, 0.0, [(12.0, 4.0)]),
+    (3.0, 2.0, 0.0, 24.0, []),
+    (1.0, 1.0, 12.0, 24.0, [(12.0, 10.0), (24.0, 20.0)]),
+    (1.0, 1.0, 5.0, 24.0, [(5.0, 10.0), (10.0, 20.0), (20.0, 20.0), (24.0, 20.0)]),
+    (18.0, 30.0, 12.0, 24.0, [(18.0, 30.0), (24.0, 30.0)]),
+    (24.0, 10.0, 12.0, 24.0, [(24.0, 20.0)]),
+])  # fmt: skip
 def test_wider_spaces_double_until_the_widest(half_width, turn_deg, wider, widest, wanted):
     method = MaximumConsensus(SearchSpace(half_width, heading_half_width_deg=turn_deg), wider=wider, widest=widest)
     spaces = list(method._wider_spaces())
     assert [(space.half_width, space.heading_half_width_deg) for space in spaces] == wanted
     assert all(space.is_open for space in spaces)
-
-
-EMPTY = np.empty((0, 3))
 
 
 @pytest.mark.parametrize("objective", [Count(), Helmert()])
@@ -211,13 +203,10 @@ def test_without_a_match_the_prior_is_given_back(scan, point_map, objective):
 
 def test_every_status_explains_itself():
     for status in Status:
-        assert status.explanation.endswith((".", "?"))
-        assert status.value == str(status)
+        assert status.explanation.endswith((".", "?")) and status.value == str(status)
 
 
-# --- objectives of the user's own ---------------------------------------------------------------------
-
-
+# --- objectives of the user's own ---
 def test_an_objective_of_ones_own_needs_no_registration(scan, point_map):
     trace = SimpleNamespace(score=lambda moments: moments[..., 1] + moments[..., 3])
     estimate = MaximumConsensus(SPACE, trace).localize(scan, point_map, prior_of(2, 3, 0.0))
@@ -229,20 +218,15 @@ def test_an_objective_of_ones_own_needs_no_registration(scan, point_map):
         assert (estimate.cell, type(estimate.score)) == ((2, 10, 10), float)
 
 
-# --- what is refused ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"multiplicity": "both"}, "Expected `multiplicity` to be 'occupied' or 'points', got 'both'"),
-        ({"search": "bbs"}, "Expected `search` to be 'exhaustive' or 'branch-and-bound', got 'bbs'"),
-        ({"thinning": -1.0}, "`thinning` to be an edge >= 0 m, got -1.0"),
-        ({"wider": math.nan}, "`wider` to be a half width >= 0 m, got nan"),
-        ({"widest": -1.0}, "`widest` to be a half width >= 0 m, got -1.0"),
-        ({"risk": 0.0}, "`risk` above 0 and below 1, got 0.0"),
-    ],
-)
+# --- what is refused ---
+@pytest.mark.parametrize(("options", "words"), [
+    ({"multiplicity": "both"}, "Expected `multiplicity` to be 'occupied' or 'points', got 'both'"),
+    ({"search": "bbs"}, "Expected `search` to be 'exhaustive' or 'branch-and-bound', got 'bbs'"),
+    ({"thinning": -1.0}, "`thinning` to be an edge >= 0 m, got -1.0"),
+    ({"wider": math.nan}, "`wider` to be a half width >= 0 m, got nan"),
+    ({"widest": -1.0}, "`widest` to be a half width >= 0 m, got -1.0"),
+    ({"risk": 0.0}, "`risk` above 0 and below 1, got 0.0"),
+])  # fmt: skip
 def test_options_that_are_refused(options, words):
     with pytest.raises(OptionError, match=words):
         MaximumConsensus(**options)
@@ -253,9 +237,7 @@ def test_moments_that_do_not_fit_are_refused():
         Accumulator(np.zeros((4, 20, 20, 5)), SPACE, TRUTH)
 
 
-# --- scans --------------------------------------------------------------------------------------------
-
-
+# --- scans ---
 def test_a_scan_takes_lists_and_estimates_normals_if_it_has_none():
     scan = Scan([[1, 2, 3], [4, 5, 6]], [[1, 0, 0], [0, 0, 0]], time=7)
     assert (len(scan), scan.time, scan.points.dtype) == (2, 7.0, np.float64)
@@ -264,30 +246,24 @@ def test_a_scan_takes_lists_and_estimates_normals_if_it_has_none():
     assert Scan([[1.0, 2.0, 3.0]]).normals.tolist() == [[0.0, 0.0, 0.0]]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((np.zeros((2, 3)), np.zeros((1, 3))), "`normals` to have one row per point, 2, got 1"),
-        ((np.zeros((1, 3)), [[1.0, 1.0, 0.0]]), r"unit normals in `normals` .*got length 1\.41 in row 0\. Divide"),
-        ((np.zeros((1, 3)), None, math.nan), "finite `time` of the scan, got nan"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    ((np.zeros((2, 3)), np.zeros((1, 3))), "`normals` to have one row per point, 2, got 1"),
+    ((np.zeros((1, 3)), [[1.0, 1.0, 0.0]]), r"unit normals in `normals` .*got length 1\.41 in row 0\. Divide"),
+    ((np.zeros((1, 3)), None, math.nan), "finite `time` of the scan, got nan"),
+])  # fmt: skip
 def test_scans_that_are_refused(arguments, words):
     with pytest.raises(ArrayError, match=words):
         Scan(*arguments)
 
 
-# --- the public face ----------------------------------------------------------------------------------
-
-
+# --- the public face ---
 def test_every_public_name_loads_and_help_begins_with_what_it_is_for():
     for name in maxcon.__all__:
         assert getattr(maxcon, name) is not None
     assert dir(maxcon) == maxcon.__all__
     with pytest.raises(AttributeError, match="module 'maxcon' has no attribute 'Nothing'"):
         maxcon.Nothing  # noqa: B018
-    assert maxcon.search.exhaustive is not None
-    assert Estimate is maxcon.estimate.Estimate
+    assert maxcon.search.exhaustive is not None and Estimate is maxcon.estimate.Estimate
     text = pydoc.plain(pydoc.render_doc(maxcon))
     overview = text[: text.index("PACKAGE CONTENTS")]
     assert [name for name in maxcon.__all__ if not name.startswith("_") and f"`{name}`" not in overview] == []
@@ -323,8 +299,7 @@ def test_both_searches_give_the_same_estimate(objective, multiplicity, offset):
     )
     assert (found.pose, found.cell, found.score) == (wanted.pose, wanted.cell, wanted.score)
     assert (found.status, found.share) == (wanted.status, wanted.share)
-    assert (found.cofactor == wanted.cofactor).all()
-    assert found.runner_up >= wanted.runner_up
+    assert (found.cofactor == wanted.cofactor).all() and found.runner_up >= wanted.runner_up
     assert found.runner_up <= max(wanted.runner_up, maxcon.Trust().largest_runner_up)
 
 

@@ -21,39 +21,25 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module")
-def done(tmp_path_factory):
-    """The folder a reader has in the end, and what was printed on the way, block by block."""
-    commands = tmp_path_factory.mktemp("bin")
+def test_the_tutorial_goes_to_its_end_and_shows_what_was_printed(tmp_path):
+    commands, folder, printed = tmp_path / "bin", tmp_path / "tutorial", []
+    commands.mkdir(), folder.mkdir()
     (commands / "maxcon").write_text(SCRIPT)
     (commands / "maxcon").chmod(0o755)
-    folder = tmp_path_factory.mktemp("tutorial")
-    path = os.pathsep.join([str(commands), os.environ["PATH"]])
-    printed = []
-    for language, body in FENCE.findall(PAGE.read_text()):
+    environment = os.environ | {"PATH": os.pathsep.join([str(commands), os.environ["PATH"]])}
+    blocks = FENCE.findall(PAGE.read_text())
+    for language, body in blocks:
         if language not in ("sh", "python") or body.startswith("pip install"):
             continue
         words = ["sh", "-euc", body] if language == "sh" else [sys.executable, "-W", "error", "-c", body]
-        ended = subprocess.run(
-            words, capture_output=True, text=True, cwd=folder, env={**os.environ, "PATH": path}, timeout=900
-        )
+        ended = subprocess.run(words, capture_output=True, text=True, cwd=folder, env=environment, timeout=900)
         assert ended.returncode == 0, f"{body}\n{ended.stderr}"
         printed.append(ended.stdout)
-    return folder, printed
-
-
-def _shown():
-    """What the page shows as printed."""
-    return [body for language, body in FENCE.findall(PAGE.read_text()) if not language]
-
-
-def test_the_tutorial_goes_to_its_end_and_shows_what_was_printed(done):
-    folder, printed = done
     assert (folder / "poses.png").stat().st_size > 20_000
     assert len(json.loads((folder / "poses.geojson").read_text())["features"]) == 12
     assert len((folder / "poses.tum").read_text().splitlines()) >= 12
     assert printed[-1] == "12 poses, all within 10 cm: True\n"
     lines = [" ".join(line.split()) for text in printed for line in text.splitlines()]
     plain = {re.sub(r"median \d+ ms", "median N ms", line) for line in lines}
-    shown = [" ".join(line.split()) for text in _shown() for line in text.splitlines() if line]
+    shown = [" ".join(line.split()) for language, text in blocks if not language for line in text.splitlines() if line]
     assert [line for line in shown if re.sub(r"median \d+ ms", "median N ms", line) not in plain] == []

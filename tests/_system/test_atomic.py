@@ -41,10 +41,6 @@ def output(request, tmp_path):
     return target, context, written(target) if is_there else None
 
 
-def is_as_before(target, before):
-    return names(target.parent) == ([target.name] if before else []) and (not before or written(target) == before)
-
-
 def test_what_is_written_appears_whole_in_the_end_and_the_last_of_two_writers_counts(output):
     target, context, before = output
     with context() as partial:
@@ -55,8 +51,7 @@ def test_what_is_written_appears_whole_in_the_end_and_the_last_of_two_writers_co
             assert partial != other and partial.parent.exists()
             write(other, "other")
         write(partial, "whole")
-    assert list(written(target).values()) == ["whole"]
-    assert names(target.parent) == [target.name]
+    assert list(written(target).values()) == ["whole"] and names(target.parent) == [target.name]
 
 
 @pytest.mark.parametrize(
@@ -71,7 +66,7 @@ def test_an_error_inside_leaves_what_was_there_and_a_full_disk_is_told(output, e
     assert caught.value is error or (isinstance(error, OSError) and isinstance(caught.value, FileError))
     if isinstance(error, OSError):
         assert "city.map, got: Disk full." in str(caught.value) and "nothing was written" in str(caught.value)
-    assert is_as_before(target, before)
+    assert names(target.parent) == ([target.name] if before else []) and (not before or written(target) == before)
 
 
 def test_a_file_in_no_folder_or_over_a_folder(tmp_path):
@@ -99,8 +94,7 @@ def test_a_folder_that_exists_is_refused_before_the_work(tmp_path):
     was_entered = False
     with pytest.raises(FileError, match=r"city\.map not to exist yet, but it does\."), atomic_folder(target):
         was_entered = True
-    assert not was_entered
-    assert names(tmp_path) == ["city.map"]
+    assert not was_entered and names(tmp_path) == ["city.map"]
 
 
 @pytest.mark.parametrize("after", range(4))
@@ -125,8 +119,7 @@ def test_a_signal_anywhere_in_the_exchange_loses_neither_folder(tmp_path, monkey
     monkeypatch.setattr(type(target), "replace", replace)
     with suppress(Interrupted), atomic_folder(target, overwrite=True) as partial:
         (partial / "new").write_text("new")
-    assert names(target) == (["new"] if after > 2 else ["old"])
-    assert names(tmp_path) == ["city.map"]
+    assert names(target) == (["new"] if after > 2 else ["old"]) and names(tmp_path) == ["city.map"]
 
 
 @pytest.mark.kills
@@ -182,8 +175,7 @@ def test_nothing_but_a_file_is_replaced(tmp_path, kind):
     for name in (path, link):
         with pytest.raises(FileError):
             check_writable(name)
-    assert path.lstat().st_mode == before
-    assert names(tmp_path) == ["link", "special"]
+    assert path.lstat().st_mode == before and names(tmp_path) == ["link", "special"]
 
 
 def test_behind_a_link_the_target_is_written(output):
@@ -223,8 +215,5 @@ def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch):
         raise OSError(errno.ENOSYS, "Function not implemented")
 
     monkeypatch.setattr("filelock.FileLock.acquire", no_locks)
-    with (
-        pytest.raises(FileError, match=r"able to write .*l, got: Function not implemented"),
-        locked(tmp_path / "l", ""),
-    ):
+    with pytest.raises(FileError, match=r"write .*l, got: Function not impl"), locked(tmp_path / "l", ""):
         pass

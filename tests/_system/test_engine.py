@@ -74,8 +74,7 @@ def squares(where, job, n_kills=0):
 
 def test_one_worker_is_this_process(tmp_path):
     job = Squares(tmp_path)
-    assert squares(Engine(1), job) == RIGHT
-    assert job.processes() == [os.getpid()]
+    assert squares(Engine(1), job) == RIGHT and job.processes() == [os.getpid()]
 
 
 def test_several_give_the_same_each_opens_once_and_may_be_left_at_any_moment(tmp_path):
@@ -83,8 +82,7 @@ def test_several_give_the_same_each_opens_once_and_may_be_left_at_any_moment(tmp
     with Engine(2).started(len(TASKS)) as run:
         assert dict(pair for _, pairs in run(job, TASKS) for pair in pairs) == RIGHT
         processes = job.processes()
-        assert 1 <= len(processes) == len(set(processes)) <= 2
-        assert os.getpid() not in processes
+        assert 1 <= len(processes) == len(set(processes)) <= 2 and os.getpid() not in processes
         results = run(job, TASKS)
         next(results)
         results.close()
@@ -102,8 +100,7 @@ def test_an_error_arrives_in_words_and_ends_all(tmp_path, n_workers):
 @pytest.mark.kills
 def test_a_worker_that_is_killed_loses_nothing(tmp_path):
     job = Squares(tmp_path)
-    assert squares(Engine(2), job, n_kills=3) == RIGHT
-    assert len(job.processes()) > 2
+    assert squares(Engine(2), job, n_kills=3) == RIGHT and len(job.processes()) > 2
     assert all_ended(job.processes())
 
 
@@ -172,9 +169,7 @@ def test_options_that_contradict_each_other_are_refused(monkeypatch):
         Engine(None, "tcp://127.0.0.1:8786")
 
 
-# --- in order --------------------------------------------------------------------------------------------------
-
-
+# --- in order ---
 @given(st.permutations(range(12)))
 def test_results_that_come_in_any_order_are_put_in_order_as_soon_as_they_can(order):
     asked = []
@@ -186,8 +181,7 @@ def test_results_that_come_in_any_order_are_put_in_order_as_soon_as_they_can(ord
         asked.append(None)
 
     for number, result in enumerate(in_order_of(range(12), coming())):
-        assert result == number**2
-        assert len(asked) == 1 + max(map(order.index, range(number + 1)))
+        assert result == number**2 and len(asked) == 1 + max(map(order.index, range(number + 1)))
     assert asked[-1] is None
 
 
@@ -201,14 +195,11 @@ def test_threads_yield_in_order_and_begin_no_more_than_they_may(n, n_threads, n_
 
     with ThreadPoolExecutor(n_threads) as pool:
         for number, result in enumerate(ordered_map(pool, work, range(n), n_ahead)):
-            assert result == -number
-            assert len(begun) <= number + n_ahead
+            assert result == -number and len(begun) <= number + n_ahead
     assert sorted(begun) == list(range(n))
 
 
-# --- a cluster that somebody has started ---------------------------------------------------------------------
-
-
+# --- a cluster that somebody has started ---
 @pytest.mark.clusters
 def test_workers_of_a_cluster_do_the_same_and_are_left_as_they_were(tmp_path, dask):
     """Killed and wrong: two jobs, one after the other."""

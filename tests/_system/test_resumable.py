@@ -97,25 +97,17 @@ def test_a_file_is_opened_and_nothing_else(tmp_path):
             open_regular(path)
 
 
-def read_scan(path):
-    return open_scans(path).read(0)
-
-
 def read_times(path):
     (path.parent / "scans").mkdir()
     (path.parent / "scans" / "1.bin").write_bytes(bytes(16))
     open_scans(path.parent / "scans", path)
 
 
-@pytest.mark.parametrize(
-    ("read", "suffix"),
-    [
-        *((open_cloud, suffix) for suffix in CLOUD_SUFFIXES),
-        *((read_scan, suffix) for suffix in SCAN_SUFFIXES),
-        (read_nmea, ".nmea"),
-        *((read, suffix) for read in (read_prior, read_trajectory, read_times) for suffix in (".txt", ".tum", ".csv")),
-    ],
-)
+@pytest.mark.parametrize(("read", "suffix"), [
+    *((open_cloud, suffix) for suffix in CLOUD_SUFFIXES),
+    *((lambda path: open_scans(path).read(0), suffix) for suffix in SCAN_SUFFIXES), (read_nmea, ".nmea"),
+    *((read, suffix) for read in (read_prior, read_trajectory, read_times) for suffix in (".txt", ".tum", ".csv")),
+])  # fmt: skip
 @pytest.mark.parametrize(
     ("make", "words"),
     [(os.mkfifo, "a FIFO"), (Path.mkdir, "is a directory|scans of one kind"), (lambda path: None, "no such file")],

@@ -46,6 +46,16 @@ class Drive(NamedTuple):
     city: str
     reference: object
 
+    @property
+    def localize(self):
+        """The arguments that localize it, up to the table."""
+        return "localize", self.city, self.dataset.scans, "--prior", self.dataset.prior, "-o"
+
+    @property
+    def build(self):
+        """The arguments that build its map, up to the folder."""
+        return "map", "build", *self.dataset.map_clouds, "--trajectory", self.dataset.map_trajectory, "-o"
+
 
 @pytest.fixture(scope="session")
 def thin_profiles():
@@ -85,6 +95,12 @@ def call(*arguments):
     return 0
 
 
+@pytest.fixture(autouse=True)
+def n_diagnosed(monkeypatch):
+    """Of a drive that is not localized one epoch is tried otherwise, where three are else."""
+    monkeypatch.setattr("maxcon.drive.diagnosis.MOST_TRIED", 1)
+
+
 @pytest.fixture
 def maxcon(capfd):
     """Run the command line in this process; say how it ended."""
@@ -113,8 +129,7 @@ def poses(drive, built_once):
     """POSES.csv of the drive, localized with the defaults once per run."""
 
     def make(folder):
-        arguments = ("--prior", drive.dataset.prior, "-o", folder / "poses.csv", "--tum", folder / "poses.txt", "-q")
-        assert call("localize", drive.city, drive.dataset.scans, *arguments) == 0
+        assert call(*drive.localize, folder / "poses.csv", "--tum", folder / "poses.txt", "-q") == 0
 
     return built_once("poses", make) / "poses.csv"
 

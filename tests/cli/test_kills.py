@@ -30,11 +30,10 @@ if sys.platform == "win32":
 MORE = int(os.environ.get("MAXCON_KILLS", "1"))
 FEW, SOME = MORE, 2 * MORE
 """Rounds, of one to three kills each."""
+OVERWRITE = ("--overwrite",)
 
 
-# --- what each command writes, and what of it is whole ---------------------------------------------------------
-
-
+# --- what each command writes, and what of it is whole ---
 def is_whole_map(path, maxcon):
     return maxcon("map", "info", path, "--check").code == 0
 
@@ -63,9 +62,6 @@ def export_to(name):
         return "export", folder.parent / "poses.csv", "--crs", "EPSG:25832", *scans, "-o", folder / name
 
     return export
-
-
-OVERWRITE = ("--overwrite",)
 
 
 class Writer(NamedTuple):
@@ -109,14 +105,12 @@ WRITERS = {
 }  # fmt: skip
 
 
-# --- inputs, and how to kill -------------------------------------------------------------------------------
-
-
+# --- inputs, and how to kill ---
 @pytest.fixture(scope="module")
 def folder_of_kills(tmp_path_factory, drive, maxcon_in_process_of_its_own):
     """Poses and a study of the drive, made undisturbed; and two rounds to align."""
     folder = tmp_path_factory.mktemp("kills")
-    poses = ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", folder / "poses.csv")
+    poses = (*drive.localize, folder / "poses.csv")
     study = ("study", drive.dataset.folder, "-o", folder / "small.study", "--methods", "helmert-occupied")
     for arguments in (poses, (*study, "--epochs", "3", "--workers", "1")):
         made = maxcon_in_process_of_its_own(*arguments)
@@ -170,9 +164,7 @@ def timed(maxcon_in_process_of_its_own):
     return run
 
 
-# --- commands that write a file or a folder ---------------------------------------------------------------
-
-
+# --- commands that write a file or a folder ---
 @pytest.mark.parametrize("name", WRITERS)
 def test_what_a_killed_command_leaves_is_whole_or_not_there(name, drive, folder_of_kills, maxcon, timed, killed):
     command, is_whole, n_rounds, replacing, package = WRITERS[name]

@@ -71,10 +71,6 @@ def running(folder):
         process.wait(60.0)
 
 
-def stamp(message):
-    return round(message.header.stamp.sec + message.header.stamp.nanosec / 1e9, 3)
-
-
 def test_a_node_goes_on_behind_odometry_and_tiles_that_hold_nothing(monkeypatch, capsys):
     town, published, given = Town(11), [], [(1e300, 1.0), (1.0, 1e-200), (math.nan, 1.0)]
 
@@ -184,15 +180,14 @@ def test_a_drive_is_localized_by_a_node_that_is_killed_and_restarted(tmp_path):
         assert node.wait(60.0) == 143
     assert len(maps) == 2
     for message in poses:
-        place, right = message.pose.pose.position, player.truth[stamp(message)]
+        place, stamp = message.pose.pose.position, message.header.stamp
+        right = player.truth[round(stamp.sec + stamp.nanosec / 1e9, 3)]
         assert math.dist((place.x, place.y, place.z), right.position) < 0.1
-        assert message.header.frame_id == "map"
-        assert 0.0 < message.pose.covariance[0] < 0.05**2
+        assert message.header.frame_id == "map" and 0.0 < message.pose.covariance[0] < 0.05**2
     (correction,) = corrections[-1].transforms
     assert (correction.header.frame_id, correction.child_frame_id) == ("map", "odom")
     (status,) = told[-1].status
     values = {pair.key: pair.value for pair in status.values}
     assert values["map_origin"] == "458800.000 5429000.000 100.000"
-    assert status.message.startswith("localized")
-    assert int(values["n_answered"]) >= 5
+    assert status.message.startswith("localized") and int(values["n_answered"]) >= 5
     assert len(np.frombuffer(maps[0].data, "<f4")) == 3 * maps[0].width > 3000

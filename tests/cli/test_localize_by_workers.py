@@ -67,9 +67,7 @@ def many(maxcon, drive, table, out):
     return run
 
 
-# --- many drives, in this process ------------------------------------------------------------------------------
-
-
+# --- many drives, in this process ---
 def test_many_drives_have_the_rows_of_single_calls_and_are_localized_once(many, drive, single, out):
     ended = many()
     assert (ended.code, ended.err) == (0, "")
@@ -91,8 +89,7 @@ def test_many_drives_have_the_rows_of_single_calls_and_are_localized_once(many, 
     (out / "_parts" / "0013").mkdir(parents=True)
     (out / "._drives.json.partial-12345678").mkdir()
     shutil.copy(out / "drive=0013" / "poses.parquet", out / "_parts" / "0013" / "000000000.parquet")
-    assert "8 of them were there" in many().out
-    assert sorted(out.rglob("*")) == files
+    assert "8 of them were there" in many().out and sorted(out.rglob("*")) == files
     (out / "_parts" / "0013").mkdir(parents=True)
     (out / "drive=0013" / "poses.parquet").rename(out / "_parts" / "0013" / "000000000.parquet")
     (out / "drive=0013" / ".poses.parquet.partial-12345678").mkdir()
@@ -125,8 +122,7 @@ def test_another_map_prior_or_option_is_refused(many, maxcon, refused, drive, pr
     (out / "_parts" / "a" / ".000000000.parquet.partial-12345678").mkdir()
     (out / "_options.json").write_text('{"maxcon": "0.0.1"}')
     (out / "_drives.json").write_text('{"a": {"map": "another"}}')
-    assert many().code == 0
-    assert not (out / "_parts").exists()
+    assert many().code == 0 and not (out / "_parts").exists()
 
 
 def test_a_drive_that_cannot_be_localized_keeps_no_other_from_it(many, drive, table, out, tmp_path):
@@ -134,8 +130,7 @@ def test_a_drive_that_cannot_be_localized_keeps_no_other_from_it(many, drive, ta
     lines = [f"far,{drive.dataset.scans},far.txt", "none,nowhere,far.txt"]
     table.write_text(table.read_text() + "\n".join(lines) + "\n")
     ended = many("--max-gap", "99")
-    assert ended.code == 2
-    assert ended.out == f"8 of 8 epochs of 2 drives localized; in {out}\n"
+    assert ended.code == 2 and ended.out == f"8 of 8 epochs of 2 drives localized; in {out}\n"
     assert ended.err.startswith("maxcon: Expected drives that can be localized, but 2 of 4 cannot; the first, ")
     assert ended.err.count("\n") == 1
 
@@ -145,8 +140,7 @@ def test_toml_names_a_map_for_each(drive, maxcon, tmp_path):
     entry = f'scans = "{dataset.scans}"\nprior = "{dataset.prior}"\nmap = "{drive.city}"\n'
     table.write_text(f'[[drive]]\nname = "0001"\n{entry}')
     ended = maxcon("localize", "--drives", table, "-o", tmp_path / "out", *NARROW, "--workers", "1")
-    assert (ended.code, ended.err) == (0, "")
-    assert len(dataset_rows(tmp_path / "out", "0001")) == 4
+    assert (ended.code, ended.err) == (0, "") and len(dataset_rows(tmp_path / "out", "0001")) == 4
 
 
 def test_what_has_no_effect_is_refused(drive, table, maxcon, refused, tmp_path):
@@ -161,17 +155,14 @@ def test_what_has_no_effect_is_refused(drive, table, maxcon, refused, tmp_path):
     assert not out.exists()
 
 
-# --- workers ---------------------------------------------------------------------------------------------------
-
-
+# --- workers ---
 @pytest.mark.clusters
 def test_workers_write_the_table_of_one_process(localize, long_drive, single, tmp_path):
     table, pictures = tmp_path / "poses.csv", tmp_path / "pictures"
     scans, prior, _ = long_drive
     plot = ("--plot", pictures, "--plot-epochs", "0,39")
     ended = localize(*NARROW, "--workers", "2", *plot, scans=scans, prior=prior)
-    assert (ended.code, ended.err) == (0, "")
-    assert "40 of 40 epochs localized" in ended.out
+    assert (ended.code, ended.err) == (0, "") and "40 of 40 epochs localized" in ended.out
     wanted = single("long", scans, prior)
     assert rows_of(table) == wanted
     assert sorted(path.name for path in pictures.iterdir()) == ["000000.png", "000039.png"]

@@ -97,27 +97,21 @@ def test_a_map_is_exported_once(maxcon, refused, drive, tmp_path):
     refused(maxcon("map", "export", drive.city, "-o", tmp_path / "city.xyz"), ".laz, .las, .ply")
 
 
-# --- on a server -----------------------------------------------------------------------------------------------
-
-
+# --- on a server ---
 def test_a_copy_on_a_server_gives_the_same_poses(maxcon, localize, drive, poses, bucket, tmp_path, refused, street_npz):
     city = f"{bucket}/city"
     assert maxcon("map", "copy", drive.city, city).out == f"{city}\n"
     assert maxcon("map", "info", city, "--check").out == maxcon("map", "info", drive.city, "--check").out
-    assert localize(city=city).code == 0
-    assert rows_of(tmp_path / "poses.csv") == rows_of(poses)
+    assert localize(city=city).code == 0 and rows_of(tmp_path / "poses.csv") == rows_of(poses)
     refused(maxcon("map", "info", f"{bucket}/none"), f"{bucket}/none", "no manifest.json there")
     refused(maxcon("map", "build", street_npz, "-o", f"{bucket}/a"), f"map copy FOLDER {bucket}/a")
 
 
-@pytest.mark.parametrize(
-    ("spacing", "options", "cell", "words"),
-    [
-        (0.21, (), 0.24, "90 % of them within 0.210 m: voxels of 0.24 m have few holes"),
-        (0.21, ("--cell", "0.06"), 0.06, "surfaces have holes in voxels of 0.06 m; --cell 0.24 suits them"),
-        (0.7, (), 0.6, "more than a tenth of them 0.5 m or more: too sparse for surfaces, few scans will match"),
-    ],
-)
+@pytest.mark.parametrize(("spacing", "options", "cell", "words"), [
+    (0.21, (), 0.24, "90 % of them within 0.210 m: voxels of 0.24 m have few holes"),
+    (0.21, ("--cell", "0.06"), 0.06, "surfaces have holes in voxels of 0.06 m; --cell 0.24 suits them"),
+    (0.7, (), 0.6, "more than a tenth of them 0.5 m or more: too sparse for surfaces, few scans will match"),
+])  # fmt: skip
 def test_how_far_apart_the_points_of_a_map_lie(build, tmp_path, spacing, options, cell, words):
     at = np.arange(0.0, 20.0, spacing)
     points = np.stack([*(axis.ravel() for axis in np.meshgrid(at, at)), np.zeros(at.size**2)], axis=1)

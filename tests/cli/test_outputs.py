@@ -22,21 +22,8 @@ def _small_disk(limit=LIMIT):
     return set_limit
 
 
-@pytest.fixture
-def localize(drive):
-    """The arguments that localize the drive, up to the table."""
-    return ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o")
-
-
-@pytest.fixture
-def build(drive):
-    """The arguments that build the map of the drive, up to its folder."""
-    trajectory = ("--trajectory", drive.dataset.map_trajectory)
-    return ("map", "build", *drive.dataset.map_clouds, *trajectory, "-o")
-
-
-def test_no_folder_for_a_map_or_a_dataset_and_nothing_is_written_over(maxcon, refused, drive, build, out):
-    for command in (build, ("simulate",)):
+def test_no_folder_for_a_map_or_a_dataset_and_nothing_is_written_over(maxcon, refused, drive, out):
+    for command in (drive.build, ("simulate",)):
         refused(maxcon(*command, out / "missing" / "a"), out / "missing", "No such file or directory")
     refused(maxcon("simulate", out), out, "not to exist", "--overwrite")
     (out / "thesis.tex").touch()
@@ -46,32 +33,32 @@ def test_no_folder_for_a_map_or_a_dataset_and_nothing_is_written_over(maxcon, re
 
 
 @pytest.mark.parametrize("option", ["-o", "--tum"])
-def test_tables_that_cannot_be_written_are_told_first(maxcon, refused, localize, out, option, monkeypatch):
+def test_tables_that_cannot_be_written_are_told_first(maxcon, refused, drive, out, option, monkeypatch):
     monkeypatch.setattr("maxcon.drive.localize.Drive.of", None)
     (out / "file").touch()
     for path, got in (
         (out / "file" / "poses.csv", "Not a directory"), (out / ("a" * 300), "too long"), (out, "folder"),
     ):  # fmt: skip
         arguments = (path,) if option == "-o" else (out / "poses.csv", option, path)
-        refused(maxcon(*localize, *arguments), path, got)
+        refused(maxcon(*drive.localize, *arguments), path, got)
     assert sorted(path.name for path in out.iterdir()) == ["file"]
 
 
-def test_outputs_that_replace_each_other_or_a_file(maxcon, refused, localize, build, drive, out, monkeypatch):
+def test_outputs_that_replace_each_other_or_a_file(maxcon, refused, drive, out, monkeypatch):
     monkeypatch.chdir(out)
     before = drive.dataset.prior.read_bytes()
     twice = ("--prior, --out, --tum and --report", "twice")
-    refused(maxcon(*localize, drive.dataset.prior), *twice)
-    refused(maxcon(*localize, out / "poses.txt", "--tum", out / "." / "poses.txt"), *twice)
+    refused(maxcon(*drive.localize, drive.dataset.prior), *twice)
+    refused(maxcon(*drive.localize, out / "poses.txt", "--tum", out / "." / "poses.txt"), *twice)
     assert drive.dataset.prior.read_bytes() == before
-    refused(maxcon(*localize, "poses.csv", "--plot", "a" * 300), "too long")
+    refused(maxcon(*drive.localize, "poses.csv", "--plot", "a" * 300), "too long")
     for name in (".", "..", "/"):
-        for command in ((*build, name, "--overwrite"), (*localize, name), ("demo", "--out", name)):
+        for command in ((*drive.build, name, "--overwrite"), (*drive.localize, name), ("demo", "--out", name)):
             refused(maxcon(*command), name)
     assert list(out.iterdir()) == []
     (out / "file").touch()
-    refused(maxcon(*localize, "poses.csv", "--plot", out / "file"), "the file", out / "file")
-    refused(maxcon(*localize, "poses.csv", "--plot", out / "file" / "new"), out / "file" / "new")
+    refused(maxcon(*drive.localize, "poses.csv", "--plot", out / "file"), "the file", out / "file")
+    refused(maxcon(*drive.localize, "poses.csv", "--plot", out / "file" / "new"), out / "file" / "new")
     assert [path.name for path in out.iterdir()] == ["file"]
 
 
@@ -85,25 +72,25 @@ def test_names_with_line_ends_stay_in_one_line(maxcon, refused, tmp_path):
 
 @pytest.mark.kills
 @pytest.mark.parametrize("limit", [2_000, 1_000_000])
-def test_the_disk_is_full_while_building(maxcon_in_process_of_its_own, refused, build, out, limit):
-    ended = maxcon_in_process_of_its_own(*build, out / "city.map", preexec_fn=_small_disk(limit))
+def test_the_disk_is_full_while_building(maxcon_in_process_of_its_own, refused, drive, out, limit):
+    ended = maxcon_in_process_of_its_own(*drive.build, out / "city.map", preexec_fn=_small_disk(limit))
     refused(ended, out / "city.map", "free disk space", "nothing was written")
     assert list(out.iterdir()) == []
 
 
 @pytest.fixture
-def nothing_to_compile(maxcon_in_process_of_its_own, localize, tmp_path):
+def nothing_to_compile(maxcon_in_process_of_its_own, drive, tmp_path):
     """Compiled code is kept in files too: it must be there before the disk is full."""
     options = ("--plot", tmp_path / "warm", "--plot-epochs", "0")
-    maxcon_in_process_of_its_own(*localize, tmp_path / "warm.csv", *options)
+    maxcon_in_process_of_its_own(*drive.localize, tmp_path / "warm.csv", *options)
 
 
 @pytest.mark.kills
 @pytest.mark.usefixtures("nothing_to_compile")
-def test_the_disk_is_full_while_writing_poses(maxcon_in_process_of_its_own, refused, localize, out):
+def test_the_disk_is_full_while_writing_poses(maxcon_in_process_of_its_own, refused, drive, out):
     (out / "poses.csv").write_text("the table of yesterday")
     arguments = (out / "poses.csv", "--overwrite")
-    ended = maxcon_in_process_of_its_own(*localize, *arguments, preexec_fn=_small_disk(100))
+    ended = maxcon_in_process_of_its_own(*drive.localize, *arguments, preexec_fn=_small_disk(100))
     refused(ended, out / "poses.csv", "File too large", "nothing was written")
     assert sorted(path.name for path in out.iterdir()) == ["poses.csv"]
     assert (out / "poses.csv").read_text() == "the table of yesterday"
@@ -111,9 +98,9 @@ def test_the_disk_is_full_while_writing_poses(maxcon_in_process_of_its_own, refu
 
 @pytest.mark.kills
 @pytest.mark.usefixtures("nothing_to_compile")
-def test_the_disk_is_full_while_drawing(maxcon_in_process_of_its_own, refused, localize, out):
+def test_the_disk_is_full_while_drawing(maxcon_in_process_of_its_own, refused, drive, out):
     arguments = (out / "poses.csv", "--plot", out / "pictures", "--plot-epochs", "0")
-    ended = maxcon_in_process_of_its_own(*localize, *arguments, preexec_fn=_small_disk(20_000))
+    ended = maxcon_in_process_of_its_own(*drive.localize, *arguments, preexec_fn=_small_disk(20_000))
     refused(ended, out / "pictures" / "000000.png", "File too large", "1 of 4 epochs are kept", "--resume")
     assert sorted(path.name for path in out.iterdir()) == ["pictures", "poses.csv"]
     assert list((out / "pictures").iterdir()) == []
@@ -131,15 +118,14 @@ def test_the_disk_is_full_while_exporting(maxcon_in_process_of_its_own, refused,
 
 @pytest.mark.kills
 @pytest.mark.usefixtures("nothing_to_compile")
-def test_the_disk_is_full_half_way(maxcon_in_process_of_its_own, maxcon, refused, localize, out):
-    ended = maxcon_in_process_of_its_own(*localize, out / "poses.csv", preexec_fn=_small_disk(1_500))
+def test_the_disk_is_full_half_way(maxcon_in_process_of_its_own, maxcon, refused, drive, out):
+    ended = maxcon_in_process_of_its_own(*drive.localize, out / "poses.csv", preexec_fn=_small_disk(1_500))
     refused(ended, out / "poses.csv", "File too large", "epochs are kept", "--resume")
     n_rows = int(ended.err.partition(" of 4 epochs")[0].rpartition(" ")[2])
     assert 0 < n_rows < 4
     lines = (out / "poses.csv").read_text().splitlines()
-    assert len(lines) == 1 + n_rows
-    assert lines[-1].count(",") == lines[0].count(",")
-    assert maxcon(*localize, out / "poses.csv", "--resume").code == 0
+    assert len(lines) == 1 + n_rows and lines[-1].count(",") == lines[0].count(",")
+    assert maxcon(*drive.localize, out / "poses.csv", "--resume").code == 0
 
 
 def test_the_reader_of_the_output_goes_away(maxcon_process, drive):

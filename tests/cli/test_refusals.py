@@ -10,9 +10,7 @@ from maxcon.map.manifest import read_manifest
 SIGMAS = ("--sigma-position", "1", "--sigma-heading-deg", "0.5")
 
 
-# --- localize --------------------------------------------------------------------------------------------------
-
-
+# --- localize ---
 @pytest.fixture
 def not_localized(maxcon, refused, drive, out):
     """Check that localizing is refused with these words, and that nothing was written."""
@@ -25,20 +23,16 @@ def not_localized(maxcon, refused, drive, out):
     return check
 
 
-def shifted(rows, column, by):
-    return "".join(" ".join([*row[:column], str(float(row[column]) + by), *row[column + 1 :]]) + "\n" for row in rows)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ((0, 1e9), ("a.txt and ", "386400.000", "same clock", "--times")),
-        ((2, -1e6), ("a.txt and ", "city.map", "inside the map", "y 4801", "same CRS")),
-        ((1, 1e300), ("inside the map",)),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    ((0, 1e9), ("a.txt and ", "386400.000", "same clock", "--times")),
+    ((2, -1e6), ("a.txt and ", "city.map", "inside the map", "y 4801", "same CRS")),
+    ((1, 1e300), ("inside the map",)),
+])  # fmt: skip
 def test_priors_of_no_use(not_localized, prior_rows, tmp_path, change, words):
-    (tmp_path / "a.txt").write_text(shifted(prior_rows, *change))
+    column, by = change
+    for row in prior_rows:
+        row[column] = str(float(row[column]) + by)
+    (tmp_path / "a.txt").write_text("".join(" ".join(row) + "\n" for row in prior_rows))
     not_localized(*words, prior=tmp_path / "a.txt")
 
 
@@ -69,26 +63,22 @@ def test_maps_of_no_use(not_localized, maxcon, refused, drive, tmp_path):
     refused(maxcon("map", "info", city), city / "manifest.json", "Build the map again")
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--sigma-position 1", ("--sigma-position together with --sigma-heading-deg",)),
-        ("--sigmas 3", ("--sigmas together with --sigma-position or a CSV prior with covariances and no --track",)),
-        ("SIGMAS --sigmas inf", ("--sigmas to be a finite number >= 0, got inf",)),
-        ("SIGMAS --half-width 3", ("either --half-width or --sigma-position",)),
-        ("--odometry o.txt", ("Expected --odometry together with --track or --deskew, got it alone.",)),
-        ("--track --drift 0.01", ("Expected --drift together with --odometry, got it alone.",)),
-        ("--track --resume", ("either --track or --resume",)),
-        ("--track --workers 2", ("either --track or --workers or --scheduler",)),
-        ("--resume --overwrite", ("either --resume or --overwrite",)),
-        ("--mounting missing.toml", ("missing.toml",)),
-        ("--geoid-height 40", ("not in latitude and longitude, or --geoid-height",)),
-        ("--odometry-topic /a", ("--odometry-topic together with --odometry and a recording",)),
-        ("--prior-frames a:b", ("is no recording, or --prior-frames",)),
-        ("--objective nowhere_at_all:Name", ("ModuleNotFoundError",)),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("--sigma-position 1", ("--sigma-position together with --sigma-heading-deg",)),
+    ("--sigmas 3", ("--sigmas together with --sigma-position or a CSV prior with covariances and no --track",)),
+    ("SIGMAS --sigmas inf", ("--sigmas to be a finite number >= 0, got inf",)),
+    ("SIGMAS --half-width 3", ("either --half-width or --sigma-position",)),
+    ("--odometry o.txt", ("Expected --odometry together with --track or --deskew, got it alone.",)),
+    ("--track --drift 0.01", ("Expected --drift together with --odometry, got it alone.",)),
+    ("--track --resume", ("either --track or --resume",)),
+    ("--track --workers 2", ("either --track or --workers or --scheduler",)),
+    ("--resume --overwrite", ("either --resume or --overwrite",)),
+    ("--mounting missing.toml", ("missing.toml",)),
+    ("--geoid-height 40", ("not in latitude and longitude, or --geoid-height",)),
+    ("--odometry-topic /a", ("--odometry-topic together with --odometry and a recording",)),
+    ("--prior-frames a:b", ("is no recording, or --prior-frames",)),
+    ("--objective nowhere_at_all:Name", ("ModuleNotFoundError",)),
+], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
 def test_options_of_localize(not_localized, options, words):
     given = [word for part in options.split() for word in (SIGMAS if part == "SIGMAS" else (part,))]
     not_localized(*words, options=given)
@@ -99,9 +89,7 @@ def test_epochs_to_plot_without_a_folder(localize, refused, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-# --- map build -------------------------------------------------------------------------------------------------
-
-
+# --- map build ---
 @pytest.fixture
 def not_built(maxcon, refused, out):
     """Check that building is refused with these words, and that nothing was written."""
@@ -132,16 +120,12 @@ def test_clouds_of_no_use(not_built, write_las, street, street_npz, tmp_path):
     not_built(zero, "--trajectory", drive, words=["zero.npz", "gps_time is 0", "--trajectory"])
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--drop foo", ("'foo'", "ground", "vegetation", "--vehicle-class 64")),
-        ("--vehicle-class 64 --keep-all", ("either --keep-all or --vehicle-class",)),
-        ("--cell 6", ("in metres", "centimetres")),
-        ("--threads 2 --scheduler tcp://127.0.0.1:1", ("either --threads or --scheduler",)),
-    ],
-    ids=lambda value: value[:30] if isinstance(value, str) else "",
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("--drop foo", ("'foo'", "ground", "vegetation", "--vehicle-class 64")),
+    ("--vehicle-class 64 --keep-all", ("either --keep-all or --vehicle-class",)),
+    ("--cell 6", ("in metres", "centimetres")),
+    ("--threads 2 --scheduler tcp://127.0.0.1:1", ("either --threads or --scheduler",)),
+], ids=lambda value: value[:30] if isinstance(value, str) else "")  # fmt: skip
 def test_options_of_map_build(not_built, write_las, options, words):
     not_built(write_las(), *options.split(), words=words)
 
@@ -167,22 +151,19 @@ def test_what_is_there_is_kept_unless_it_is_to_be_replaced(maxcon, refused, stre
     assert sorted(path.name for path in tmp_path.iterdir()) == names
 
 
-@pytest.mark.parametrize(
-    ("package", "command", "extra"),
-    [
-        ("embreex", ("demo", "--out", "OUT"), "demo"),
-        ("matplotlib", ("demo", "--out", "OUT"), "demo"),
-        ("jinja2", ("demo", "--out", "OUT"), "demo"),
-        ("embreex", ("simulate", "OUT"), "demo"),
-        ("matplotlib", ("localize", "MAP", "SCANS", "--prior", "PRIOR", "-o", "OUT", "--plot", "PICTURES"), "demo"),
-        ("rerun", ("localize", "MAP", "SCANS", "--prior", "PRIOR", "-o", "OUT", "--view"), "view"),
-        ("rerun", ("relocalize", "MAP", "SCANS", "-o", "OUT", "--save", "OUT.rrd"), "view"),
-        ("rerun", ("export", "POSES", "-o", "OUT.rrd", "--map", "MAP"), "view"),
-        ("distributed", ("localize", "MAP", "SCANS", "-o", "OUT", "--scheduler", "tcp://127.0.0.1:8786"), "engine"),
-        ("cyclonedds", ("live", "MAP", "--ros2"), "ros2"),
-        ("pyogrio", ("export", "POSES", "-o", "OUT.gpkg", "--map", "MAP"), "export"),
-    ],
-)
+@pytest.mark.parametrize(("package", "command", "extra"), [
+    ("embreex", ("demo", "--out", "OUT"), "demo"),
+    ("matplotlib", ("demo", "--out", "OUT"), "demo"),
+    ("jinja2", ("demo", "--out", "OUT"), "demo"),
+    ("embreex", ("simulate", "OUT"), "demo"),
+    ("matplotlib", ("localize", "MAP", "SCANS", "--prior", "PRIOR", "-o", "OUT", "--plot", "PICTURES"), "demo"),
+    ("rerun", ("localize", "MAP", "SCANS", "--prior", "PRIOR", "-o", "OUT", "--view"), "view"),
+    ("rerun", ("relocalize", "MAP", "SCANS", "-o", "OUT", "--save", "OUT.rrd"), "view"),
+    ("rerun", ("export", "POSES", "-o", "OUT.rrd", "--map", "MAP"), "view"),
+    ("distributed", ("localize", "MAP", "SCANS", "-o", "OUT", "--scheduler", "tcp://127.0.0.1:8786"), "engine"),
+    ("cyclonedds", ("live", "MAP", "--ros2"), "ros2"),
+    ("pyogrio", ("export", "POSES", "-o", "OUT.gpkg", "--map", "MAP"), "export"),
+])  # fmt: skip
 def test_what_is_not_installed_is_said(
     maxcon, refused, without, drive, poses, out, monkeypatch, package, command, extra
 ):

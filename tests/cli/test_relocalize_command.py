@@ -52,8 +52,7 @@ def test_without_a_table_a_line_is_printed_for_each(relocalize, place):
     ended = relocalize("--around", f"{place.x:.1f},{place.y:.1f}", "--radius", "60")
     assert ended.code == 0
     lines = ended.out.splitlines()
-    assert len(lines) == 4
-    assert all(": localized; x 5" in line for line in lines)
+    assert len(lines) == 4 and all(": localized; x 5" in line for line in lines)
 
 
 def test_epochs_without_an_answer_are_rows_with_their_status(relocalize, drive, place, tmp_path):
@@ -70,14 +69,11 @@ def test_epochs_without_an_answer_are_rows_with_their_status(relocalize, drive, 
     assert second["status"] not in ("localized", "unreadable scan") and second["x"] == ""
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--radius 50", ("--radius together with --around X,Y",)),
-        ("--around nan,3", ("--around X,Y",)),
-        ("--around 1,2", ("within 300 m", "CRS")),
-        ("--tum x.tum", ("--tum together with --out",)),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ("--radius 50", ("--radius together with --around X,Y",)),
+    ("--around nan,3", ("--around X,Y",)),
+    ("--around 1,2", ("within 300 m", "CRS")),
+    ("--tum x.tum", ("--tum together with --out",)),
+])  # fmt: skip
 def test_slips_are_one_line(relocalize, refused, options, words):
     refused(relocalize(*options.split()), *words)

@@ -87,23 +87,20 @@ main()
 IGNORES_HANGUPS = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN); from maxcon.cli import main; main()"
 
 
-@pytest.fixture
-def build(drive, out):
-    clouds = drive.dataset.map_clouds
-    return ("map", "build", *clouds, "--trajectory", drive.dataset.map_trajectory, "-o", out / "city.map")
-
-
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 @pytest.mark.parametrize("stage", ["points", "tiles"])
-def test_a_build_that_is_stopped_leaves_nothing(stopped_when, build, out, number, stage):
+def test_a_build_that_is_stopped_leaves_nothing(stopped_when, drive, out, number, stage):
     has_begun = lambda _: list(out.glob(f".city.map.partial-*/*/{stage}"))  # noqa: E731
-    assert stopped_when(number, has_begun, *build, script=SLOW) == (128 + number, "maxcon: stopped\n")
+    assert stopped_when(number, has_begun, *drive.build, out / "city.map", script=SLOW) == (
+        128 + number,
+        "maxcon: stopped\n",
+    )
     assert list(out.iterdir()) == []
 
 
-def test_what_ignores_hangups_goes_on(stopped_when, build, out):
+def test_what_ignores_hangups_goes_on(stopped_when, drive, out):
     has_begun = lambda _: list(out.glob(".city.map.partial-*"))  # noqa: E731
-    assert stopped_when(signal.SIGHUP, has_begun, *build, script=IGNORES_HANGUPS)[0] == 0
+    assert stopped_when(signal.SIGHUP, has_begun, *drive.build, out / "city.map", script=IGNORES_HANGUPS)[0] == 0
     assert [path.name for path in out.iterdir()] == ["city.map"]
 
 
@@ -129,7 +126,6 @@ def test_cleaning_up_is_not_interrupted(maxcon_in_process_of_its_own):
 
 @pytest.mark.parametrize("error", ["SystemError('a result with an exception set')", "FileError('not complete')"])
 def test_a_stop_that_became_another_error_on_its_way(maxcon_in_process_of_its_own, drive, out, error):
-    arguments = ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", out / "poses.csv")
-    script = BECOMES_ANOTHER.format(error=error)
-    assert maxcon_in_process_of_its_own(*arguments, script=script) == (128 + signal.SIGTERM, "", "maxcon: stopped\n")
+    ended = maxcon_in_process_of_its_own(*drive.localize, out / "poses.csv", script=BECOMES_ANOTHER.format(error=error))
+    assert ended == (128 + signal.SIGTERM, "", "maxcon: stopped\n")
     assert list(out.iterdir()) == []

@@ -23,6 +23,7 @@ COMMANDS = (
     "map", "map build", "map info", "map align", "map update", "map copy", "scans", "scans info", "localize",
     "relocalize", "export", "simulate", "study", "report", "demo", "warmup",
 )  # fmt: skip
+GROUPED = ("localize", "relocalize", "study", "map build", "map align")
 
 
 def test_nothing_heavy_is_loaded_before_it_is_needed(maxcon_in_process_of_its_own):
@@ -62,9 +63,6 @@ def test_commands_are_completed_in_a_shell():
     assert subprocess.run([command], env=asked, capture_output=True, text=True).stdout == "relocalize\n"
 
 
-GROUPED = ("localize", "relocalize", "study", "map build", "map align")
-
-
 @pytest.mark.parametrize("command", GROUPED)
 def test_help_of_many_options_is_in_groups(maxcon, command):
     """Each option is in one of them: the last, of what is in none, has the help itself alone."""
@@ -79,39 +77,30 @@ def test_help_of_many_options_is_in_groups(maxcon, command):
     assert len(options) == len(set(options)) > 10
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("nonsense",),
-        ("localize", "--nonsense"),
-        ("localize", "m", "s", "--prior", "p", "-o", "o", "--search", "nonsense"),
-        ("map", "build", "a.laz"),
-        ("simulate", "out", "--recording", "tape"),
-    ],
-)
+@pytest.mark.parametrize("arguments", [
+    ("nonsense",),
+    ("localize", "--nonsense"),
+    ("localize", "m", "s", "--prior", "p", "-o", "o", "--search", "nonsense"),
+    ("map", "build", "a.laz"),
+    ("simulate", "out", "--recording", "tape"),
+])  # fmt: skip
 def test_what_the_parser_refuses_ends_with_2(maxcon, arguments):
     ended = maxcon(*arguments)
     assert ended.code == 2 and ended.out == ""
-    assert "Traceback" not in ended.err
-    assert "Error" in ended.err
+    assert "Traceback" not in ended.err and "Error" in ended.err
 
 
-@pytest.fixture
-def run(maxcon, thin_profiles, tmp_path, monkeypatch):
-    """Run a command in the folder; what it printed. Of the city to simulate only a part is mapped, with few points."""
+def test_from_nothing_to_poses(maxcon, thin_profiles, tmp_path, monkeypatch):
+    """Of the city to simulate only a part is mapped, with few points."""
     part = partial(simulation.simulate, before=30.0, after=20.0, mapping_scanners=thin_profiles)
     monkeypatch.setattr(simulation, "simulate", part)
     monkeypatch.chdir(tmp_path)
 
-    def printed(*arguments):
+    def run(*arguments):
         ended = maxcon(*arguments)
         assert (ended.code, ended.err) == (0, ""), ended
         return ended.out
 
-    return printed
-
-
-def test_from_nothing_to_poses(run, tmp_path):
     printed = run("simulate", "dataset", "--epochs", "3", "--seed", "7", "--recording", "mcap")
     clouds = sorted((tmp_path / "dataset" / "map").glob("*.laz"))
     assert printed.splitlines()[0] == "dataset"

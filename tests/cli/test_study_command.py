@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from drawn_figures import undrawn
 from maxcon.lab.study import Study
 from maxcon.lab.study.table import keys_of, table_of
 from watched_processes import all_ended
@@ -25,10 +26,6 @@ def described(drive, long_drive, tmp_path):
     return description
 
 
-def children_of(pid):
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
 @pytest.mark.kills
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc: processes cannot be watched")
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGINT"])
@@ -37,25 +34,23 @@ def test_a_study_that_is_stopped_goes_on(described, stopped_when, maxcon, tmp_pa
     arguments = ("study", described, "-o", out, *METHODS, *SMALL, "--workers", "2", "--quiet")
 
     def has_two_parts(process):
-        children[:] = children_of(process.pid)
+        children[:] = map(int, Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
         return len(list(out.glob("parts/[!.]*.parquet"))) >= 2
 
     code, err = stopped_when(number, has_two_parts, *arguments)
     assert code == (-number if number == signal.SIGKILL else 128 + number)
-    assert "Traceback" not in err
-    assert all_ended(children)
+    assert "Traceback" not in err and all_ended(children)
     assert not (out / "table.parquet").exists()
     before = table_of(out).read().to_pylist()
-    assert 0 < len(before) < 120
-    assert maxcon(*arguments).code == 0
+    assert 0 < len(before) < 120 and maxcon(*arguments).code == 0
     table = Study.open(out).table
-    assert len(table) == len(set(keys_of(table))) == 120
-    assert not (out / "parts").exists()
+    assert len(table) == len(set(keys_of(table))) == 120 and not (out / "parts").exists()
     after = {(row["method"], row["epoch"]): row for row in table.to_pylist()}
     assert all(after[row["method"], row["epoch"]] == row for row in before)  # times and all: not made again
 
 
-def test_study_and_report_say_what_they_did(described, maxcon, tmp_path):
+def test_study_and_report_say_what_they_did(described, maxcon, tmp_path, monkeypatch):
+    undrawn(monkeypatch)
     out, page, scan = tmp_path / "study", tmp_path / "page.html", tmp_path / "long" / "000000.bin"
     scan.unlink()
     scan.write_bytes(b"123")
@@ -117,6 +112,7 @@ def test_an_objective_of_one_s_own_is_compared_with_ours_alike(described, maxcon
     text = page.read_text()
     assert "adjusted to the map" not in text and "The paper says" not in text  # for none of its methods was studied
     assert "Left: Root of det N of every position" in text and "edited since" not in text
+    undrawn(monkeypatch)
     assert maxcon("report", out, "-o", page, "--objective", "own_scores:Edited").code == 0
     assert "it was not studied, or was edited since" in page.read_text()
 

@@ -37,7 +37,7 @@ def table(out):
 
 @pytest.fixture
 def arguments(drive, table):
-    return ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", table)
+    return *drive.localize, table
 
 
 @pytest.fixture
@@ -64,8 +64,7 @@ def test_a_drive_that_is_stopped_keeps_its_rows_and_is_gone_on_with(stopped, max
         assert err == f"maxcon: stopped; 2 of 4 epochs are kept in {table}: go on with --resume\n"
     left = {".poses.csv.lock"} if number == signal.SIGKILL else set()  # that a process is killed, nothing can clear
     assert {path.name for path in table.parent.iterdir()} - left == {"poses.csv"}
-    assert rows_of(table) == rows_of(poses)[:2]
-    assert maxcon(*arguments, "--resume").code == 0
+    assert rows_of(table) == rows_of(poses)[:2] and maxcon(*arguments, "--resume").code == 0
     assert rows_of(table) == rows_of(poses)
 
 
@@ -80,16 +79,13 @@ def test_rows_that_are_there_are_not_made_again(maxcon, arguments, table, poses)
     head = b"".join(content.splitlines(keepends=True)[:3])
     table.write_bytes(head)
     ended = maxcon(*arguments, "--resume", "--tum", table.parent / "poses.txt")
-    assert (ended.code, ended.err) == (0, "")
-    assert "2 of 2 epochs localized" in ended.out
+    assert (ended.code, ended.err) == (0, "") and "2 of 2 epochs localized" in ended.out
     assert "behind 2 that were there, 2 of them localized" in ended.out
-    assert table.read_bytes().startswith(head)
-    assert rows_of(table) == rows_of(poses)
+    assert table.read_bytes().startswith(head) and rows_of(table) == rows_of(poses)
     assert len(read_trajectory(table.parent / "poses.txt")) == 4
     for n_cut in (1, 30):  # a row that was cut
         table.write_bytes(content[:-n_cut])
-        assert maxcon(*arguments, "--resume").code == 0
-        assert rows_of(table) == rows_of(poses)
+        assert maxcon(*arguments, "--resume").code == 0 and rows_of(table) == rows_of(poses)
     before = table.read_bytes()
     ended = maxcon(*arguments, "--resume")
     assert (ended.code, ended.err) == (0, "")
@@ -103,8 +99,7 @@ def test_a_table_is_not_replaced_unasked(maxcon, refused, arguments, table, pose
     refused(maxcon(*arguments), table, "--resume", "--overwrite")
     refused(maxcon(*arguments, "--resume"), table, "to be a table of these scans")
     assert table.read_text() == "the table of yesterday"
-    assert maxcon(*arguments, "--overwrite").code == 0
-    assert rows_of(table) == rows_of(poses)
+    assert maxcon(*arguments, "--overwrite").code == 0 and rows_of(table) == rows_of(poses)
 
 
 def test_epochs_not_localized_count_when_gone_on_with(maxcon, arguments, table, poses):
@@ -113,8 +108,7 @@ def test_epochs_not_localized_count_when_gone_on_with(maxcon, arguments, table, 
     lines[1] = ",".join([cells[0], *[""] * 7, "ambiguous", cells[9], *[""] * (len(cells) - 10)])
     table.write_text("\n".join(lines[:3]) + "\n")
     ended = maxcon(*arguments, "--resume", "--tum", table.parent / "poses.txt")
-    assert ended.code == 1
-    assert "behind 2 that were there, 1 of them localized" in ended.out
+    assert ended.code == 1 and "behind 2 that were there, 1 of them localized" in ended.out
     assert len(read_trajectory(table.parent / "poses.txt")) == 3
 
 

@@ -79,8 +79,7 @@ def test_a_call_says_what_it_compiles_and_where_that_is_kept(warmed, in_cache, c
     else:
         assert all(line.endswith(" compiled already") for line in lines)
         assert last == f"everything was compiled already; the code is kept in {folder}"
-        assert in_cache(cache, "warmup", "--quiet").out == last + "\n"
-        assert _code(cache) == before
+        assert in_cache(cache, "warmup", "--quiet").out == last + "\n" and _code(cache) == before
 
 
 def test_nothing_is_left_to_compile_when_localizing(nothing_new, in_cache, drive, tmp_path):
@@ -92,8 +91,7 @@ def test_nothing_is_left_to_compile_when_localizing(nothing_new, in_cache, drive
 def test_nothing_is_left_to_compile_for_any_option_of_the_method(nothing_new, in_cache, drive):
     folders = (drive.city, drive.dataset.scans, drive.dataset.prior)
     ended = in_cache(nothing_new, *folders, script=ALL_OPTIONS)
-    assert (ended.code, ended.err) == (0, "")
-    assert set(ended.out.split()) == {"localized"}
+    assert (ended.code, ended.err) == (0, "") and set(ended.out.split()) == {"localized"}
 
 
 def test_nothing_is_left_to_compile_when_building_a_map(nothing_new, in_cache, drive, street, tmp_path):
@@ -122,8 +120,7 @@ def _on_terminal(start, *arguments, cache):
 def test_a_command_that_pauses_to_compile_says_so_once(maxcon_process, street_npz, tmp_path):
     build, cache = ("map", "build", street_npz, "-o"), tmp_path / "cache"
     first = _on_terminal(maxcon_process, *build, tmp_path / "1.map", cache=cache)
-    assert first.count(COMPILING) == 1
-    assert _code(cache)
+    assert first.count(COMPILING) == 1 and _code(cache)
     second = _on_terminal(maxcon_process, *build, tmp_path / "2.map", cache=cache)
     assert "making tiles" in second and "compiling" not in second
 

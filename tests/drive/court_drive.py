@@ -5,6 +5,7 @@ import numpy as np
 from maxcon import Estimate, LocalFrame, Pose, Scan, Status, Trajectory
 from maxcon.drive.localize import EpochEstimate
 from maxcon.io.scans import RawScan
+from upright_walls import joined, on_grid
 
 FRAME = LocalFrame((458_800.0, 5_429_000.0, 100.0))
 CELL = 0.06
@@ -17,14 +18,8 @@ START = 386_400.123456789
 
 def walls(corners, step=0.05, height=4.0):
     """Points and normals (inwards) of upright walls along a polygon, counter-clockwise, local frame."""
-    points, normals = [], []
-    for first, last in zip(np.array(corners), np.roll(corners, -1, axis=0), strict=True):
-        length = np.linalg.norm(last - first)
-        along = (last - first) / length
-        at, z = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, step), np.arange(0.0, height, step)))
-        points.append(np.column_stack([first + at[:, None] * along, z]))
-        normals.append(np.tile([-along[1], along[0], 0.0], (len(at), 1)))
-    return np.concatenate(points), np.concatenate(normals)
+    ways = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    return joined(*(on_grid(*way, (0.0, height), step) for way in ways))
 
 
 def seen(points, normals, pose, n=4000, seed=0):

@@ -22,6 +22,7 @@ from towns import Town
 TIMES = [10.0 + 0.2 * epoch for epoch in range(N_SCANS)]
 METHOD = MaximumConsensus(SearchSpace(1.5, CELL, 1.0, 0.5))
 ELSEWHERE = Pose(-3.0, 40.0, 2.0, 0.0, 0.0, 1.2)
+HERE, THERE = (-12.0, 12.0, 0.4), (18.0, -9.0, 2.0)
 
 
 class Court(Scans):
@@ -289,13 +290,10 @@ def test_answers_in_a_map_that_was_loaded_ahead_load_no_tile(town, tmp_path):
         assert answers[-1].epoch.status is Status.LOCALIZED
         assert [answer.effort.half_width > 1.0 for answer in answers] == [True, False, False]
         n_tiles[is_ahead] = [answer.effort.n_tiles for answer in answers]
-    assert n_tiles[True] == [0] * 3
-    assert n_tiles[False][0] > 4
+    assert n_tiles[True] == [0] * 3 and n_tiles[False][0] > 4
 
 
-# --- lost, and found again ------------------------------------------------------------------------------------
-
-
+# --- lost, and found again ---
 @pytest.fixture(scope="module")
 def town():
     return Town(11)
@@ -332,17 +330,13 @@ class Walk:
         return pose.x, pose.y, pose.heading
 
 
-HERE, THERE = (-12.0, 12.0, 0.4), (18.0, -9.0, 2.0)
-
-
 def test_it_starts_lost_is_carried_away_and_found_again(town):
     walk = Walk(town)
     is_localized, first = walk.go(HERE, 6)
     assert [answer.epoch.reason.startswith("found in the whole map") for answer in first[:2]] == [False, True]
     assert is_localized[-2:] == [True] * 2
     is_localized, away = walk.go(THERE, 7)
-    assert is_localized[0] is False
-    assert is_localized[-2:] == [True] * 2
+    assert is_localized[0] is False and is_localized[-2:] == [True] * 2
     assert any(answer.epoch.reason.startswith("found in the whole map") for answer in away)
     assert math.dist(away[-1].T_map_odom.position, first[-1].T_map_odom.position) > 10.0
 
@@ -370,16 +364,14 @@ def test_what_may_be_done_after_an_answer_is_done_then(town):
     assert "whole map" not in answers[-1].epoch.reason
     walk.live._work_off()
     is_localized, answers = walk.go(walk.on(town, 2), 14)
-    assert "found in the whole map" in answers[0].epoch.reason
-    assert is_localized[2:] == [True] * 12
+    assert "found in the whole map" in answers[0].epoch.reason and is_localized[2:] == [True] * 12
     assert walk.live._tracker.put_off is not None
     assert max(answer.effort.half_width for answer in answers[3:]) < 1.0
     walk.live._tracker.move(Motion.none())
     assert walk.live._tracker.put_off is None  # the scan is not of this place any more
     walk.go(walk.on(town, 16), 1)
     walk.live._work_off()
-    assert walk.live._tracker.searched > 1.0
-    assert walk.live._tracker.put_off is None
+    assert walk.live._tracker.searched > 1.0 and walk.live._tracker.put_off is None
 
 
 def test_where_a_position_is_off_the_map_it_is_said(town):

@@ -40,10 +40,8 @@ def test_a_drive_is_localized_to_the_cell(point_map, scan_folder):
         wanted = FRAME.pose_to_global(truth(epoch.epoch))
         np.testing.assert_allclose(epoch.pose_global.position, wanted.position, atol=0.07)
         assert epoch.pose_global.heading == pytest.approx(wanted.heading, abs=1e-4)
-        assert epoch.milliseconds > 0.0
-        assert len(epoch.scan) == len(epoch.raw.points) > 100
-    assert epochs[3].pose_global is None
-    assert epochs[3].estimate is None
+        assert epoch.milliseconds > 0.0 and len(epoch.scan) == len(epoch.raw.points) > 100
+    assert epochs[3].pose_global is None and epochs[3].estimate is None
 
 
 @pytest.mark.parametrize("n_threads", [2, 8])
@@ -100,8 +98,7 @@ def test_an_epoch_without_prior_or_outside_the_map_gets_a_status(point_map, scan
     poses[1] = poses[1].translated([500.0, 0.0, 0.0])
     leaving = list(localize_drive(point_map, scan_folder, Trajectory.from_poses(TIMES, poses), method))
     assert [epoch.status for epoch in leaving][:3] == [Status.LOCALIZED, Status.OUTSIDE_MAP, Status.LOCALIZED]
-    assert leaving[1].prior is not None
-    assert leaving[1].pose_global is None
+    assert leaving[1].prior is not None and leaving[1].pose_global is None
 
 
 def test_points_out_of_range_are_left_out(point_map, scan_folder):
@@ -109,8 +106,7 @@ def test_points_out_of_range_are_left_out(point_map, scan_folder):
     options = DriveOptions(min_range=5.0, max_range=12.0)
     epoch = next(localize_drive(point_map, scan_folder, prior_of(TIMES), method, options))
     ranges = np.linalg.norm(method.asked[0][0].points, axis=1)
-    assert ranges.min() >= 5.0
-    assert ranges.max() <= 12.0
+    assert ranges.min() >= 5.0 and ranges.max() <= 12.0
     assert epoch.raw.n_dropped_range > 0
     for nearest, farthest in ((5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (math.nan, 5.0)):
         with pytest.raises(OptionError, match="0 <= min_range < max_range"):
@@ -145,14 +141,11 @@ def test_a_prior_of_a_senseless_number_is_one_epoch_with_a_status(point_map, sca
         assert "Expected points within" in epochs[1].reason and epochs[1].pose_global is None
 
 
-@pytest.mark.parametrize(
-    ("other", "words"),
-    [
-        (1e6 + 3600.5, "+3600.500 s apart, about +1 h: a time zone. "),
-        (1e6 + 18.0, "+18.000 s apart. "),
-        (1e9, "the trajectory's times were in ms"),
-        (1e3, "the scans' times were in ms"),
-    ],
-)
+@pytest.mark.parametrize(("other", "words"), [
+    (1e6 + 3600.5, "+3600.500 s apart, about +1 h: a time zone. "),
+    (1e6 + 18.0, "+18.000 s apart. "),
+    (1e9, "the trajectory's times were in ms"),
+    (1e3, "the scans' times were in ms"),
+])  # fmt: skip
 def test_clocks_that_differ_are_told_how(other, words):
     assert words in _clocks_in_words(1e6, other)

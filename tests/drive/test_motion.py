@@ -15,6 +15,12 @@ from maxcon.errors import OptionError
 
 ANYWHERE = Pose(458_800.0, 5_429_000.0, 100.0, 0.02, -0.03, 2.9)
 AHEAD = Pose(2.0, 0.1, 0.01, 0.001, -0.002, 0.05)
+ANGLES = st.floats(-0.03, 0.03)
+POSES = st.builds(Pose, *[st.floats(-50.0, 50.0)] * 3, ANGLES, ANGLES, st.floats(-3.1, 3.1))
+MOTIONS = st.builds(
+    Motion, st.builds(Pose, st.floats(-3.0, 3.0), *[st.floats(-0.3, 0.3)] * 2, ANGLES, ANGLES, st.floats(-0.5, 0.5)),
+    st.floats(0.1, 5.0), st.floats(0.05, 2.0), st.floats(0.0, 0.5),
+)  # fmt: skip
 
 
 def same(pose, other):
@@ -104,15 +110,6 @@ def test_few_poses_have_the_usual_noise_and_standard_deviations_are_not_negative
 
 
 # --- the filter: derivatives by differences, and the update by information ---
-
-ANGLES = st.floats(-0.03, 0.03)
-POSES = st.builds(Pose, *[st.floats(-50.0, 50.0)] * 3, ANGLES, ANGLES, st.floats(-3.1, 3.1))
-MOTIONS = st.builds(
-    Motion, st.builds(Pose, st.floats(-3.0, 3.0), *[st.floats(-0.3, 0.3)] * 2, ANGLES, ANGLES, st.floats(-0.5, 0.5)),
-    st.floats(0.1, 5.0), st.floats(0.05, 2.0), st.floats(0.0, 0.5),
-)  # fmt: skip
-
-
 def covariance_of(seed, scale=0.05):
     root = scale * np.random.default_rng(seed).standard_normal((6, 6))
     return root @ root.T + 1e-6 * np.eye(6)

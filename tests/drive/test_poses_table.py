@@ -19,6 +19,7 @@ from maxcon.errors import FileError, OptionError
 from maxcon.io.trajectories import read_trajectory
 
 SOME = np.random.default_rng(0).normal(0.0, 0.03, (9, 6))
+UNREADABLE = Path("/proc/self/mem")
 
 
 def sure_epoch(number, status=Status.LOCALIZED):
@@ -37,9 +38,7 @@ def path(tmp_path):
     return tmp_path / "poses.csv"
 
 
-# --- POSES.csv ------------------------------------------------------------------------------------------------
-
-
+# --- POSES.csv ---
 def test_the_localized_epochs_read_back_as_a_trajectory(path):
     turned = Pose(POSE.x + 10.0, POSE.y, POSE.z, -0.01, 0.02, -math.pi)
     epochs = [made_epoch(0), made_epoch(1, Status.NO_PRIOR), made_epoch(2, pose=turned), made_epoch(3, Status.AT_RIM)]
@@ -95,7 +94,7 @@ def test_a_reason_in_any_letters_and_lines_is_written_the_same_under_any_locale(
         "poses_table.write_poses(sys.argv[1], [replace(made_epoch(0), reason='a \"scan\",\\nin Stra\\u00dfe\\udcdf')])"
     )
     plain = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "PYTHONPATH": str(Path(__file__).parent)}
-    plain["PYTHONPATH"] += os.pathsep + os.environ.get("PYTHONPATH", "")
+    plain["PYTHONPATH"] += os.pathsep.join(["", str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     subprocess.run([sys.executable, "-c", script, path], env=os.environ | plain, check=True)
     assert [row["reason"] for row in rows_of(path)] == ['a "scan", in Straße?']
     assert poses_table.rows_there(path, np.array([START])).n_rows == 1
@@ -137,9 +136,7 @@ def test_tables_of_other_drives_are_not_gone_on_with(path, what):
         poses_table.rows_there(path, times)
 
 
-# --- many drives ----------------------------------------------------------------------------------------------
-
-
+# --- many drives ---
 def test_rows_are_published_once_and_whole(tmp_path):
     dataset = poses_table.PosesDataset(tmp_path)
     assert not dataset.has_rows()
@@ -170,9 +167,6 @@ def test_rows_are_those_of_the_table_of_poses_before_rounding(tmp_path, path):
         formats = poses_table.FORMATS
         rounded = {name: "" if value is None else format(value, formats[name]) for name, value in numbers.items()}
         assert rounded == cells
-
-
-UNREADABLE = Path("/proc/self/mem")
 
 
 @pytest.mark.skipif(not UNREADABLE.exists(), reason="no file here that is there and cannot be read")
@@ -213,17 +207,14 @@ def test_epochs_go_in_runs_of_neighbours_whatever_is_there_already():
     assert list(tasks_of(entry, [])) == []
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "`array` of length >= 1"), ("name,scans\n", "`array` of length >= 1"),
-        ("name,scans,priors\na,b,c\n", "unknown field `priors`"), ("name,scans\na,scans\nA,scans\n", "got 'A' twice"),
-        ("name,scans\n../a,scans\n", "a folder is named by it"),
-        ("name,scans\na,scans,more\n", "line 2: Expected 2 columns .*, got 3"),
-        ("name,scans\na,\n", r"`drive\[0\].scans`: expected `str` of length >= 1"),
-        ('name,scans\n"a,b\n', "line 2: Expected comma-separated values"), ("\x00\xff", "Expected"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "`array` of length >= 1"), ("name,scans\n", "`array` of length >= 1"),
+    ("name,scans,priors\na,b,c\n", "unknown field `priors`"), ("name,scans\na,scans\nA,scans\n", "got 'A' twice"),
+    ("name,scans\n../a,scans\n", "a folder is named by it"),
+    ("name,scans\na,scans,more\n", "line 2: Expected 2 columns .*, got 3"),
+    ("name,scans\na,\n", r"`drive\[0\].scans`: expected `str` of length >= 1"),
+    ('name,scans\n"a,b\n', "line 2: Expected comma-separated values"), ("\x00\xff", "Expected"),
+])  # fmt: skip
 def test_what_is_no_table_is_refused_in_a_line(tmp_path, text, words):
     (tmp_path / "drives.csv").write_bytes(text.encode("latin-1"))
     with pytest.raises(FileError, match=words) as refused:

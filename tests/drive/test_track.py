@@ -50,8 +50,7 @@ def test_a_drive_is_tracked(point_map, scans, source):
     assert statuses[4] is Status.UNREADABLE and "000004.bin" in epochs[4].reason
     assert statuses[9] is Status.NO_POINTS
     assert [status for number, status in enumerate(statuses[2:9], 2) if number != 4] == [Status.LOCALIZED] * 6
-    assert max(errors(epochs)) < 0.06
-    assert all(epoch.milliseconds > 0.0 for epoch in epochs[:4])
+    assert max(errors(epochs)) < 0.06 and all(epoch.milliseconds > 0.0 for epoch in epochs[:4])
 
 
 def test_a_prior_is_needed_where_the_track_begins_and_not_before_nor_behind(point_map, scans):

@@ -27,6 +27,8 @@ POSES = [
     None,
     Pose(550_010.0, 5_802_001.0, 61.5, -0.03, 0.004, -3.0),
 ]
+LOCALIZED = [POSES[0], POSES[2]]
+POSITIONS = [pose.position for pose in LOCALIZED]
 
 
 def rows_of_a_drive():
@@ -76,16 +78,13 @@ def _with(name, values):
     return lambda table: table.set_column(table.schema.get_field_index(name), name, [values])
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda table: table.drop_columns(["cov_x_x"]), "no column cov_x_x"),
-        (lambda table: table.slice(0, 0), "a row per epoch"), (_with("time", [None, 1.0, 2.0]), "no time"),
-        (_with("x", [None, None, 2.0]), "a part of a pose"), (_with("score", [math.inf, None, 2.0]), "inf"),
-        (_with("y", ["a", None, "b"]), "'a'"), (_with("status", [1, 2, 3]), "in row 1: 1"),
-        (100, "to be a table such as POSES.csv"), ("removed", "No such file"), ("a folder", "Is a directory"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda table: table.drop_columns(["cov_x_x"]), "no column cov_x_x"),
+    (lambda table: table.slice(0, 0), "a row per epoch"), (_with("time", [None, 1.0, 2.0]), "no time"),
+    (_with("x", [None, None, 2.0]), "a part of a pose"), (_with("score", [math.inf, None, 2.0]), "inf"),
+    (_with("y", ["a", None, "b"]), "'a'"), (_with("status", [1, 2, 3]), "in row 1: 1"),
+    (100, "to be a table such as POSES.csv"), ("removed", "No such file"), ("a folder", "Is a directory"),
+])  # fmt: skip
 def test_a_parquet_file_that_is_none_of_a_drive(parquet, change, words):
     content = parquet.read_bytes()
     if callable(change):
@@ -105,10 +104,6 @@ def back_in_crs(*lonlats):
     """Positions in the CRS of the poses, from longitude and latitude."""
     transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
     return [transformer.transform(*map(float, lonlat)) for lonlat in lonlats]
-
-
-LOCALIZED = [POSES[0], POSES[2]]
-POSITIONS = [pose.position for pose in LOCALIZED]
 
 
 def test_geojson(table, tmp_path):
@@ -131,8 +126,7 @@ def test_geopackage(table, tmp_path):
     assert pyproj.CRS.from_user_input(meta["crs"]).to_epsg() == 25832
     named = dict(zip(meta["fields"], columns, strict=True))
     assert named["status"].tolist() == ["localized", "ambiguous", "localized"]
-    assert named["cov_x_x"][0] == 0.0001
-    assert np.isnan(named["heading_deg"][1])
+    assert named["cov_x_x"][0] == 0.0001 and np.isnan(named["heading_deg"][1])
     assert points[1] is None
     np.testing.assert_array_equal(np.frombuffer(points[0], "<f8", 3, 5), POSES[0].position)
     _, _, lines, _ = raw.read(tmp_path / "a.gpkg", layer="priors")

@@ -23,6 +23,10 @@ from maxcon.errors import FileError
 
 pytestmark = pytest.mark.fuzzing
 SEED = Seed("made here", "times", "times.txt", b"1.5\n2.5\n")
+HARMS = {
+    "hangs": lambda: time.sleep(600), "ends": os.abort, "asks": lambda: bytearray(2**34),
+    "takes": lambda: b"x" * (2**30 + 2**27),
+}  # fmt: skip
 
 
 def test_seeds_are_read_and_inputs_of_them_are_the_same_each_time(tmp_path):
@@ -49,29 +53,18 @@ def of_memory():
     return error
 
 
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (FileError("Expected points, got none."), "refused"),
-        (FileError("Expected points,\ngot none."), "a message of several lines"),
-        (of_memory(), "refused for want of memory"),
-        (SystemExit(3), "SystemExit at "),
-    ],
-    ids=repr,
-)
+@pytest.mark.parametrize(("error", "said"), [
+    (FileError("Expected points, got none."), "refused"),
+    (FileError("Expected points,\ngot none."), "a message of several lines"),
+    (of_memory(), "refused for want of memory"),
+    (SystemExit(3), "SystemExit at "),
+], ids=repr)  # fmt: skip
 def test_what_is_raised_is_told_apart(monkeypatch, tmp_path, error, said):
     def read(*_):
         raise error
 
     monkeypatch.setitem(READERS, "times", read)
-    assert outcome(SEED, SEED.data, tmp_path).startswith(said)
-    assert list(tmp_path.iterdir()) == []
-
-
-HARMS = {
-    "hangs": lambda: time.sleep(600), "ends": os.abort, "asks": lambda: bytearray(2**34),
-    "takes": lambda: b"x" * (2**30 + 2**27),
-}  # fmt: skip
+    assert outcome(SEED, SEED.data, tmp_path).startswith(said) and list(tmp_path.iterdir()) == []
 
 
 def harmful_work(told, harm, folder):
@@ -87,15 +80,12 @@ def harmful_work(told, harm, folder):
     work_off(told, [SEED], 0, range(20), folder)
 
 
-@pytest.mark.parametrize(
-    ("harm", "limit", "said", "n_said"),
-    [
-        ("hangs", 4.0, "no answer within 4 s", 3),
-        ("ends", 120.0, "the process ended with -6", 3),
-        ("asks", 120.0, "MemoryError at ", 20),
-        ("takes", 120.0, "read, and took 1.1 GiB", 20),
-    ],
-)
+@pytest.mark.parametrize(("harm", "limit", "said", "n_said"), [
+    ("hangs", 4.0, "no answer within 4 s", 3),
+    ("ends", 120.0, "the process ended with -6", 3),
+    ("asks", 120.0, "MemoryError at ", 20),
+    ("takes", 120.0, "read, and took 1.1 GiB", 20),
+])  # fmt: skip
 def test_hangs_ends_and_memory_are_noticed(tmp_path, harm, limit, said, n_said):
     all_said = list(watched(harmful_work, harm, tmp_path, limit=limit))
     (found,) = (each for each in all_said if not each.is_fine)

@@ -16,6 +16,8 @@ from maxcon.geometry.arrays import as_points, first_covariance_fault
 from maxcon.geometry.pose import INDEX_LIMIT
 
 ANGLE = st.floats(-math.pi, math.pi)
+UTM = LocalFrame((458_800.0, 5_429_000.0, 100.0), "EPSG:25832")
+GOOD = np.diag([1.0, 0.0, 1e-6])
 
 
 @given(st.floats(-1e6, 1e6))
@@ -82,9 +84,6 @@ def test_poses_are_put_together_as_matrices_are(angles, x):
     np.testing.assert_allclose((first.inverse @ first).position, 0.0, atol=1e-9)
 
 
-UTM = LocalFrame((458_800.0, 5_429_000.0, 100.0), "EPSG:25832")
-
-
 @given(st.integers(0, 2**32))
 def test_utm_coordinates_come_back(seed):
     points = np.array(UTM.origin) + np.random.default_rng(seed).uniform(-5000, 5000, (50, 3))
@@ -139,18 +138,12 @@ def test_indices_end_where_int32_would_not_hold_a_window(sign, axis):
         voxel_indices(np.array([[1e308, 0.0, 0.0]]), 0.06)
 
 
-GOOD = np.diag([1.0, 0.0, 1e-6])
-
-
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [
-        (np.zeros((3, 7)), r"`points` to have shape \(n, 3\), got \(3, 7\)\. Transpose it\?"),
-        ([1.0, 2.0, 3.0], r"to have shape \(n, 3\), got \(3,\)\.$"),
-        ([[0.0, 0.0, 0.0], [0.0, math.nan, 0.0]], r"got 1 of 2 rows with NaN or infinity\. Drop those rows"),
-        ([["a", "b", "c"]], "to be numbers"),
-    ],
-)
+@pytest.mark.parametrize(("points", "words"), [
+    (np.zeros((3, 7)), r"`points` to have shape \(n, 3\), got \(3, 7\)\. Transpose it\?"),
+    ([1.0, 2.0, 3.0], r"to have shape \(n, 3\), got \(3,\)\.$"),
+    ([[0.0, 0.0, 0.0], [0.0, math.nan, 0.0]], r"got 1 of 2 rows with NaN or infinity\. Drop those rows"),
+    ([["a", "b", "c"]], "to be numbers"),
+])  # fmt: skip
 def test_what_are_no_points_is_refused(points, words):
     with pytest.raises(ArrayError, match=words):
         as_points(points, "points")
@@ -166,17 +159,13 @@ def test_what_is_made_of_factors_is_a_covariance(factors, scales):
     assert first_covariance_fault(factors[:0]) is None
 
 
-@pytest.mark.parametrize(
-    "matrix",
-    [
-        np.diag([1.0, np.nan, 0.1]),
-        np.diag([1.0, 1.0, -0.1]),
-        [[1.0, 0.1, 0.0], [0.2, 1.0, 0.0], [0.0, 0.0, 0.1]],
-        [[1.0, 1.1, 0.0], [1.1, 1.0, 0.0], [0.0, 0.0, 0.1]],
-        [[1e-300, 1e300, 0.0], [1e300, 1e-300, 0.0], [0.0, 0.0, 0.1]],
-    ],
-)
+@pytest.mark.parametrize("matrix", [
+    np.diag([1.0, np.nan, 0.1]),
+    np.diag([1.0, 1.0, -0.1]),
+    [[1.0, 0.1, 0.0], [0.2, 1.0, 0.0], [0.0, 0.0, 0.1]],
+    [[1.0, 1.1, 0.0], [1.1, 1.0, 0.0], [0.0, 0.0, 0.1]],
+    [[1e-300, 1e300, 0.0], [1e300, 1e-300, 0.0], [0.0, 0.0, 0.1]],
+])  # fmt: skip
 def test_the_first_that_is_none_is_named(matrix):
     row, words = first_covariance_fault(np.array([GOOD, matrix, matrix]))
-    assert row == 1
-    assert f"positive semidefinite, got {np.array(matrix).tolist()}" in words
+    assert row == 1 and f"positive semidefinite, got {np.array(matrix).tolist()}" in words

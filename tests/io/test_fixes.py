@@ -98,14 +98,11 @@ def test_a_vehicle_that_stands_keeps_its_heading_whatever_its_receiver_does():
     assert np.abs(_placed(fixes)[0].angles[:, 2] - 0.8).max() < 0.1
 
 
-@pytest.mark.parametrize(
-    ("places", "words"),
-    [
-        (FRAME.to_geographic(bend(3).positions), "got neither"),
-        (np.array([[0.0, -81.0, 0.0], [90.0, 99.0, 0.0]]), "log.csv"),  # where the projection does not reach
-        (FRAME.to_geographic(bend().positions)[:, [1, 0, 2]], r"latitude 9\.7.*, longitude 52\.3.*Are the two swapped"),
-    ],
-)
+@pytest.mark.parametrize(("places", "words"), [
+    (FRAME.to_geographic(bend(3).positions), "got neither"),
+    (np.array([[0.0, -81.0, 0.0], [90.0, 99.0, 0.0]]), "log.csv"),  # where the projection does not reach
+    (FRAME.to_geographic(bend().positions)[:, [1, 0, 2]], r"latitude 9\.7.*, longitude 52\.3.*Are the two swapped"),
+])  # fmt: skip
 def test_positions_that_cannot_be_placed(places, words):
     fixes = ReceiverLog(np.arange(float(len(places))), places, np.full((len(places), 2, 2), np.nan))
     with pytest.raises(TrajectoryError, match=words):

@@ -79,23 +79,20 @@ def test_rows_without_a_position_or_a_sigma(tmp_path):
     assert [f"line {number}:" in words for number, words in zip((6, 8), rows.left_out, strict=True)] == [True] * 2
 
 
-@pytest.mark.parametrize(
-    ("header", "row", "words"),
-    [
-        ("time,latitude,longitude", "1,52,13", "ellipsoidal_height or orthometric_height.*got none"),
-        ("time,latitude,longitude,altitude", "1,52,13,60", "got 'altitude', which may be either"),
-        ("latitude,longitude,height", "52,13,60", "no 'time'"),
-        ("time,latitude,longitude,height,height", "1,52,13,60,60", "more than one 'height'"),
-        ("time,latitude,longitude,height,yaw", "1,52,13,60,1", "got 'yaw', which may be either"),
-        ("time,latitude,longitude,height,heading,azimuth_deg", "1,52,13,60,1,1", "got both"),
-        ("time,latitude,longitude,height,roll", "1,52,13,60,1", "both roll and pitch"),
-        ("time,latitude,longitude,height", "1,520000,130000,60", "degrees as latitude and longitude"),
-        ("time,latitude,longitude,height,heading", "1,52,13,60,90", "within one turn"),
-        ("time,latitude,longitude,height,sigma_east,sigma_north", "1,52,13,60,-1,1", ">= 0"),
-        ("time,latitude,longitude,height", "1,,,", "at least one pose"),
-        ("time,latitude,longitude,height", "2,52,13,60\n1,52,13,60", "line 4: Expected times that increase"),
-    ],
-)
+@pytest.mark.parametrize(("header", "row", "words"), [
+    ("time,latitude,longitude", "1,52,13", "ellipsoidal_height or orthometric_height.*got none"),
+    ("time,latitude,longitude,altitude", "1,52,13,60", "got 'altitude', which may be either"),
+    ("latitude,longitude,height", "52,13,60", "no 'time'"),
+    ("time,latitude,longitude,height,height", "1,52,13,60,60", "more than one 'height'"),
+    ("time,latitude,longitude,height,yaw", "1,52,13,60,1", "got 'yaw', which may be either"),
+    ("time,latitude,longitude,height,heading,azimuth_deg", "1,52,13,60,1,1", "got both"),
+    ("time,latitude,longitude,height,roll", "1,52,13,60,1", "both roll and pitch"),
+    ("time,latitude,longitude,height", "1,520000,130000,60", "degrees as latitude and longitude"),
+    ("time,latitude,longitude,height,heading", "1,52,13,60,90", "within one turn"),
+    ("time,latitude,longitude,height,sigma_east,sigma_north", "1,52,13,60,-1,1", ">= 0"),
+    ("time,latitude,longitude,height", "1,,,", "at least one pose"),
+    ("time,latitude,longitude,height", "2,52,13,60\n1,52,13,60", "line 4: Expected times that increase"),
+])  # fmt: skip
 def test_what_is_not_clear_is_refused(tmp_path, header, row, words):
     with pytest.raises(TrajectoryError, match=words) as error:
         read_geographic_csv(_write(tmp_path, header, row))

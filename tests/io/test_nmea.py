@@ -71,16 +71,13 @@ def test_letters_of_a_base_station_nanoseconds_midnight_and_a_late_date_cost_no_
     np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).times, START + np.arange(3))
 
 
-@pytest.mark.parametrize(
-    ("lines", "kind", "words"),
-    [
-        ([gga(START, *NEAR, 1.0, 1.0)], TrajectoryError, "a date"),
-        ([rmc(START), gga(START, *NEAR, 1.0, 1.0, quality=0)], TrajectoryError, "1 sentences without a fix"),
-        ([rmc(START), gga(START, *NEAR)], TrajectoryError, "positions without heights"),
-        (["1.0 2.0"], FileError, "got none"),
-        ([gga(START, *NEAR, 1.0, 1.0)[:-3]], FileError, "1 with a wrong checksum, or without"),
-    ],
-)
+@pytest.mark.parametrize(("lines", "kind", "words"), [
+    ([gga(START, *NEAR, 1.0, 1.0)], TrajectoryError, "a date"),
+    ([rmc(START), gga(START, *NEAR, 1.0, 1.0, quality=0)], TrajectoryError, "1 sentences without a fix"),
+    ([rmc(START), gga(START, *NEAR)], TrajectoryError, "positions without heights"),
+    (["1.0 2.0"], FileError, "got none"),
+    ([gga(START, *NEAR, 1.0, 1.0)[:-3]], FileError, "1 with a wrong checksum, or without"),
+])  # fmt: skip
 def test_no_date_no_position_no_height_no_sentence(tmp_path, lines, kind, words):
     with pytest.raises(kind, match=words):
         read_nmea(_write(tmp_path / "a.nmea", lines))
@@ -101,8 +98,7 @@ def test_sigmas_of_gst_and_headings_of_hdt_before_or_after_their_position(tmp_pa
     for covariance in log.covariances[:3]:
         np.testing.assert_allclose(covariance, np.diag([0.04, 0.09]))  # east, north
     np.testing.assert_allclose(log.covariances[3], np.diag([7.5**2] * 2))
-    assert np.isnan(log.covariances[4]).all()
-    assert "3 of GST, 1 of HDOP, 1 unknown" in log.words
+    assert np.isnan(log.covariances[4]).all() and "3 of GST, 1 of HDOP, 1 unknown" in log.words
     np.testing.assert_allclose(log.orientations.trajectory.times, START + np.arange(3), atol=1e-6)
     np.testing.assert_allclose(np.degrees(log.orientations.trajectory.angles[:, 2]), 10.0 - np.arange(3), atol=1e-9)
 

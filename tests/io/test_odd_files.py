@@ -23,11 +23,7 @@ def n_points(path):
     return int(np.isfinite(read_cloud(path).points).all(axis=1).sum())
 
 
-def n_poses(path):
-    return len(read_geographic_prior(path, "EPSG:3857").trajectory)
-
-
-COUNTS = {"nmea": n_poses, "recordings": n_scans}
+COUNTS = {"nmea": lambda path: len(read_geographic_prior(path, "EPSG:3857").trajectory), "recordings": n_scans}
 PACKAGES = {"e57": ("pye57",), "recordings": ("rosbags", "mcap", "velodyne_decoder")}
 ALL_READ = ("las", "copc", "ply", "pcd")
 """Folders of which every file is read that is not named below."""

@@ -132,15 +132,11 @@ def test_seconds_and_nanoseconds_in_two_fields_are_exact():
     assert times.middle == pytest.approx(-0.0435)
 
 
-@pytest.mark.parametrize(
-    ("times", "stamp", "first", "words"),
-    [
-        (np.arange(3_500_000_000, 3_600_000_000, 10**6).astype("u4"), STAMP, 0.0, ("another clock", "nanoseconds")),
-        (STAMP * 1e-9 + 3.0 + np.linspace(0, 0.1, 50), STAMP, 3.0, ("lie near the message's time",)),
-        (np.linspace(0, 1e8, 50).astype("u4"), 100 * 10**9, 0.0, ("from the message's time: +0.000000 to +0.1",)),
-    ],
-    ids=["since boot", "a clock that is 3 s off", "a simulated clock"],
-)
+@pytest.mark.parametrize(("times", "stamp", "first", "words"), [
+    (np.arange(3_500_000_000, 3_600_000_000, 10**6).astype("u4"), STAMP, 0.0, ("another clock", "nanoseconds")),
+    (STAMP * 1e-9 + 3.0 + np.linspace(0, 0.1, 50), STAMP, 3.0, ("lie near the message's time",)),
+    (np.linspace(0, 1e8, 50).astype("u4"), 100 * 10**9, 0.0, ("from the message's time: +0.000000 to +0.1",)),
+], ids=["since boot", "a clock that is 3 s off", "a simulated clock"])  # fmt: skip
 def test_clocks_that_times_count_on(times, stamp, first, words):
     found = find_point_times(_columns(t=times), stamp)
     assert found.offsets.min() == pytest.approx(first, abs=1e-6)
@@ -148,14 +144,10 @@ def test_clocks_that_times_count_on(times, stamp, first, words):
     assert all(part in found.words for part in words)
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        np.zeros(10, "f4"), np.full(10, 1.7e9, "f4"), np.array([0.0, np.nan, 0.1], "f8"), np.array([0.0, 1e30], "f8"),
-        np.array([0.0, math.inf], "f8"), np.array([0.0, 5e-4], "f8"),
-    ],
-    ids=["zeros", "too coarse", "NaN", "too long", "infinite", "too short"],
-)  # fmt: skip
+@pytest.mark.parametrize("values", [
+    np.zeros(10, "f4"), np.full(10, 1.7e9, "f4"), np.array([0.0, np.nan, 0.1], "f8"), np.array([0.0, 1e30], "f8"),
+    np.array([0.0, math.inf], "f8"), np.array([0.0, 5e-4], "f8"),
+], ids=["zeros", "too coarse", "NaN", "too long", "infinite", "too short"])  # fmt: skip
 def test_times_that_make_no_sense_are_not_taken(values):
     times = find_point_times(_columns(time=values), STAMP)
     assert times.offsets is None and "not understood" in times.words
@@ -179,19 +171,16 @@ def test_one_row_may_leave_out_its_length_and_the_last_padding_and_a_cloud_its_p
     assert cloud.points.shape == (0, 3) and cloud.n_points == 0
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (dict(data=b"\0" * 100), "strides is incompatible"), (dict(width=2**31, height=2**31), "or over 50,000,000"),
-        (dict(width=-1), "-1 x 1 points"), (dict(width=5, height=2, row_step=3), "in rows of 3"),
-        (dict(point_step=10), "of the 10 bytes"), (dict(fields=()), "one field 'x'"),
-        (dict(fields=(field("x", 0, 6), field("y", 4, 7))), "x uint32"),
-        (dict(fields=(*_simple().fields, field("x", 12, 7))), "one field 'x'"),
-        (dict(fields=(*_simple().fields, field("t", 2**31 - 1, 7))), "fields beyond byte 1,048,576"),
-        (dict(fields=(field("x", 0, 7, 2**20), *_simple().fields[1:])), "fields beyond byte 1,048,576"),
-        (dict(fields=(field("x", 0, 99), *_simple().fields[1:])), "one field 'x'"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "words"), [
+    (dict(data=b"\0" * 100), "strides is incompatible"), (dict(width=2**31, height=2**31), "or over 50,000,000"),
+    (dict(width=-1), "-1 x 1 points"), (dict(width=5, height=2, row_step=3), "in rows of 3"),
+    (dict(point_step=10), "of the 10 bytes"), (dict(fields=()), "one field 'x'"),
+    (dict(fields=(field("x", 0, 6), field("y", 4, 7))), "x uint32"),
+    (dict(fields=(*_simple().fields, field("x", 12, 7))), "one field 'x'"),
+    (dict(fields=(*_simple().fields, field("t", 2**31 - 1, 7))), "fields beyond byte 1,048,576"),
+    (dict(fields=(field("x", 0, 7, 2**20), *_simple().fields[1:])), "fields beyond byte 1,048,576"),
+    (dict(fields=(field("x", 0, 99), *_simple().fields[1:])), "one field 'x'"),
+])  # fmt: skip
 def test_what_contradicts_itself_is_refused(change, words):
     with pytest.raises((ValueError, TypeError), match=re.escape(words)):
         decoded(_simple(), **change)

@@ -13,6 +13,8 @@ from maxcon.scan.trajectory import Trajectory
 
 TUM_LINE = "47452.193478 458888.4217 5429081.5413 115.0739 0 0 0.6 0.8\n"
 HEADER = "time,x,y,z,roll,pitch,heading\n"
+SIGMAS = HEADER.strip() + ",sigma_x,sigma_y,sigma_heading_deg\n"
+COVARIANCES = HEADER.strip() + ",cov_x_x,cov_x_y,cov_x_heading,cov_y_y,cov_y_heading,cov_heading_heading,cov_z_z\n"
 
 
 def sample(n=5, covariances=None):
@@ -69,10 +71,6 @@ def test_csv_takes_extra_columns_any_order_and_leaves_out_epochs_not_localized(t
     np.testing.assert_allclose(got.angles, [[0.01, 0.02, np.radians(-179)], [0.01, 0.02, np.radians(30)]], atol=1e-15)
 
 
-SIGMAS = HEADER.strip() + ",sigma_x,sigma_y,sigma_heading_deg\n"
-COVARIANCES = HEADER.strip() + ",cov_x_x,cov_x_y,cov_x_heading,cov_y_y,cov_y_heading,cov_heading_heading,cov_z_z\n"
-
-
 def test_csv_takes_standard_deviations_covariances_in_any_order_and_rows_without(tmp_path):
     content = SIGMAS + "1,2,3,4,0,0,0,0.5,2,180\n2,2,3,4,0,0,0,,,\n"
     got = read_trajectory(write(tmp_path, "a.csv", content))
@@ -87,38 +85,34 @@ def test_csv_takes_standard_deviations_covariances_in_any_order_and_rows_without
         np.testing.assert_array_equal(read_trajectory(write(tmp_path, "c.csv", text)).covariances[0], wanted)
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        ("a.txt", TUM_LINE + "1 2 3\n", r"line 2: Expected 8 columns 'time,x,y,z,qx,qy,qz,qw', got 3"),
-        ("a.txt", "1,2,3,4,0,0,0,1\n", r"line 1: Expected 8 columns .*got 1.*name the file .csv"),
-        ("a.txt", "# c\n\n1 2 3 four 0 0 0 1\n", r"line 3: Expected finite numbers as 'z', got 'four'.*remove"),
-        ("a.txt", "1 2 3 1e999 0 0 0 1\n", r"line 1: Expected finite numbers .*got '1e999'"),
-        ("a.txt", "# c\n" + TUM_LINE + TUM_LINE, r"line 3: Expected times that increase, got 47452\.193478.*Sort"),
-        ("a.txt", "1 2 3 4 0 0 0 0\n", r"line 1: Expected a unit quaternion .*got length 0"),
-        ("a.txt", "# only a comment\n", r"a\.txt: Expected at least one pose, got none"),
-        ("a.txt", b"\xff\xfe\x80" * 50, r"a\.txt, after line 0: Expected a trajectory as UTF-8 text"),
-        ("a.txt", b"\0" * 20_000, r"line 1: Expected a trajectory in lines of text, got one of over 10000"),
-        ("a.csv", HEADER + "1,,,,,,\n", "Expected at least one pose"),
-        ("a.csv", "time,x,y,z\n1,2,3,4\n", r"a\.csv, line 1: Expected a header with time,x,.*got no 'roll'"),
-        ("a.csv", "time;x;y;z;roll;pitch;heading\n", r"got no 'time' in .*separated by commas"),
-        ("a.csv", "time,x,y,z,roll,pitch,heading,heading_deg\n", r"got more than one 'heading'"),
-        ("a.csv", HEADER + '1,"2,3,4,0,0,0\n', r"line 2: Expected comma-separated values"),
-        ("a.csv", SIGMAS.replace(",sigma_y", ""), r"line 1: Expected either cov_x_x,.*got no 'sigma_y'\. Give all"),
-        ("a.csv", SIGMAS.strip() + ",cov_x_x\n", "line 1: Expected either cov_x_x,.*got both"),
-        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1,1\n2,2,3,4,0,0,0,1,-1,1\n", r"line 3: Expected 'sigma_y' >= 0, got -1"),
-        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,nan,1\n", r"line 2: Expected finite numbers as 'sigma_y', got 'nan'"),
-        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,,1\n", r"line 2: Expected finite numbers as 'sigma_x,.*got ''"),
-        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1e200,1\n", r"line 2: Expected a covariance .*got .*inf"),
-        ("a.csv", COVARIANCES + "1,2,3,4,0,0,0,1,5,0,2,0,1,0\n", r"line 2: Expected a covariance .*semidefinite"),
-    ],
-)
+@pytest.mark.parametrize(("name", "content", "words"), [
+    ("a.txt", TUM_LINE + "1 2 3\n", r"line 2: Expected 8 columns 'time,x,y,z,qx,qy,qz,qw', got 3"),
+    ("a.txt", "1,2,3,4,0,0,0,1\n", r"line 1: Expected 8 columns .*got 1.*name the file .csv"),
+    ("a.txt", "# c\n\n1 2 3 four 0 0 0 1\n", r"line 3: Expected finite numbers as 'z', got 'four'.*remove"),
+    ("a.txt", "1 2 3 1e999 0 0 0 1\n", r"line 1: Expected finite numbers .*got '1e999'"),
+    ("a.txt", "# c\n" + TUM_LINE + TUM_LINE, r"line 3: Expected times that increase, got 47452\.193478.*Sort"),
+    ("a.txt", "1 2 3 4 0 0 0 0\n", r"line 1: Expected a unit quaternion .*got length 0"),
+    ("a.txt", "# only a comment\n", r"a\.txt: Expected at least one pose, got none"),
+    ("a.txt", b"\xff\xfe\x80" * 50, r"a\.txt, after line 0: Expected a trajectory as UTF-8 text"),
+    ("a.txt", b"\0" * 20_000, r"line 1: Expected a trajectory in lines of text, got one of over 10000"),
+    ("a.csv", HEADER + "1,,,,,,\n", "Expected at least one pose"),
+    ("a.csv", "time,x,y,z\n1,2,3,4\n", r"a\.csv, line 1: Expected a header with time,x,.*got no 'roll'"),
+    ("a.csv", "time;x;y;z;roll;pitch;heading\n", r"got no 'time' in .*separated by commas"),
+    ("a.csv", "time,x,y,z,roll,pitch,heading,heading_deg\n", r"got more than one 'heading'"),
+    ("a.csv", HEADER + '1,"2,3,4,0,0,0\n', r"line 2: Expected comma-separated values"),
+    ("a.csv", SIGMAS.replace(",sigma_y", ""), r"line 1: Expected either cov_x_x,.*got no 'sigma_y'\. Give all"),
+    ("a.csv", SIGMAS.strip() + ",cov_x_x\n", "line 1: Expected either cov_x_x,.*got both"),
+    ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1,1\n2,2,3,4,0,0,0,1,-1,1\n", r"line 3: Expected 'sigma_y' >= 0, got -1"),
+    ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,nan,1\n", r"line 2: Expected finite numbers as 'sigma_y', got 'nan'"),
+    ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,,1\n", r"line 2: Expected finite numbers as 'sigma_x,.*got ''"),
+    ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1e200,1\n", r"line 2: Expected a covariance .*got .*inf"),
+    ("a.csv", COVARIANCES + "1,2,3,4,0,0,0,1,5,0,2,0,1,0\n", r"line 2: Expected a covariance .*semidefinite"),
+])  # fmt: skip
 def test_a_malformed_file_is_refused_with_file_and_line(tmp_path, name, content, words):
     path = write(tmp_path, name, content)
     with pytest.raises((TrajectoryError, FileError), match=words) as caught:
         read_trajectory(path)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_another_suffix_and_no_folder_to_write_to(tmp_path):
@@ -139,13 +133,10 @@ def test_only_a_prior_may_do_without_roll_and_pitch(tmp_path):
         read_prior(write(tmp_path, "prior.csv", "time,x,y,z,heading_deg,roll_deg\n1,2,3,4,90,1\n"))
 
 
-@pytest.mark.parametrize(
-    ("name", "good", "bad"),
-    [
-        ("a.txt", [TUM_LINE, "47453.0 1 2 3 0 0 0 1\n"], ["1 2", "3 1 2 3 0 0 0 9"]),
-        ("a.csv", [HEADER, "1,2,3,4,0,0,0\n", "3,2,3,4,0,0,0\n"], ["2,2,3", "2,2,x,4,0,0,0", "2,2,3,4,0,0,90"]),
-    ],
-)
+@pytest.mark.parametrize(("name", "good", "bad"), [
+    ("a.txt", [TUM_LINE, "47453.0 1 2 3 0 0 0 1\n"], ["1 2", "3 1 2 3 0 0 0 9"]),
+    ("a.csv", [HEADER, "1,2,3,4,0,0,0\n", "3,2,3,4,0,0,0\n"], ["2,2,3", "2,2,x,4,0,0,0", "2,2,3,4,0,0,90"]),
+])  # fmt: skip
 def test_a_prior_is_read_without_its_bad_rows_unless_most_are(tmp_path, name, good, bad):
     for row in bad:
         prior = read_prior(write(tmp_path, name, "".join([*good[:-1], row + "\n", good[-1]])))

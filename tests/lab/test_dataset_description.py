@@ -39,8 +39,7 @@ def opened(folder, text):
 def test_parts_are_named_relative_to_the_file(folder):
     dataset = opened(folder, PLAIN)
     assert [path.name for path in dataset.map_clouds] == ["a.laz", "b.laz"]
-    assert dataset.scans == folder / "scans"
-    assert list(dataset.priors) == ["gnss", "rough"]
+    assert dataset.scans == folder / "scans" and list(dataset.priors) == ["gnss", "rough"]
     assert dataset.prior == folder / "gnss.txt"
     assert (dataset.map_path, dataset.map_trajectory, dataset.crs, dataset.drop) == (None, None, None, None)
     (folder / "dataset.toml").rename(folder / "other.toml")
@@ -72,28 +71,24 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
     )
     options = opened(folder, PLAIN.replace("[scans]", more + "[scans]")).map_options(cell=0.1)
     assert (options.cell, options.crs, options.drop) == (0.1, "EPSG:25832", ("ground",))
-    assert options.dropped_classes() >= {2, 64}
-    assert len(options.trajectory) == 2
+    assert options.dropped_classes() >= {2, 64} and len(options.trajectory) == 2
     assert options.sigma == 0.009
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("[map]", "[map", "Expected a dataset's description in"),
-        ('[priors]\ngnss = "gnss.txt"\nrough = "rough.txt"', "", "missing required field `priors`"),
-        ("clouds", "cluods", "at `map`: object contains unknown field `cluods`"),
-        ("map/*.laz", "map/*.las", "got none for 'map/\\*.las'"),
-        ('"map/*.laz"', "[3]", r"at `map.clouds\[0\]`: expected `str`"),
-        ('clouds = "map/*.laz"', "", "got neither"),
-        ('"map/*.laz"', '"map/*.laz"\npath = "city.map"', "got both"),
-        ("rough =", "reference =", "other than reference"),
-        ('clouds = "map/*.laz"', 'path = "city.map"\ncrs = "EPSG:25832"', "beside the path of a built map"),
-        ('"reference.txt"', '"nowhere.txt"', "to name what exists"),
-        ('"map/*.laz"', '"map/*.laz"\nsigma = nan', "at `map.sigma`: expected `float` >= 0.0"),
-        ('"map/*.laz"', '"map/*.laz"\nsigma = inf', "expected `float` <= 1000.0"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("[map]", "[map", "Expected a dataset's description in"),
+    ('[priors]\ngnss = "gnss.txt"\nrough = "rough.txt"', "", "missing required field `priors`"),
+    ("clouds", "cluods", "at `map`: object contains unknown field `cluods`"),
+    ("map/*.laz", "map/*.las", "got none for 'map/\\*.las'"),
+    ('"map/*.laz"', "[3]", r"at `map.clouds\[0\]`: expected `str`"),
+    ('clouds = "map/*.laz"', "", "got neither"),
+    ('"map/*.laz"', '"map/*.laz"\npath = "city.map"', "got both"),
+    ("rough =", "reference =", "other than reference"),
+    ('clouds = "map/*.laz"', 'path = "city.map"\ncrs = "EPSG:25832"', "beside the path of a built map"),
+    ('"reference.txt"', '"nowhere.txt"', "to name what exists"),
+    ('"map/*.laz"', '"map/*.laz"\nsigma = nan', "at `map.sigma`: expected `float` >= 0.0"),
+    ('"map/*.laz"', '"map/*.laz"\nsigma = inf', "expected `float` <= 1000.0"),
+])  # fmt: skip
 def test_what_is_wrong_is_said(folder, old, new, words):
     assert old in PLAIN
     with pytest.raises(FileError, match=words):
@@ -120,21 +115,16 @@ def test_names_longer_than_any_file_system_takes(folder, key):
         opened(folder, text)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        ".".join("a" * 20_000) + " = 1", "x = 1\n[" + ".".join(["'a'"] * 20_000) + "]",
-        " . ".join(['"a b"'] * 10_000) + " = 1",
-        "[map]\n" + "\n".join(".".join(["a"] * 100 + [str(number)]) + " = 1" for number in range(1000)),
-        "a = " + "[" * 100_000, "a = " + "{a=" * 50_000, "a" * 1_000_000,
-    ],
-    ids=["dotted", "header", "quoted", "many", "lists", "tables", "word"],
-)  # fmt: skip
+@pytest.mark.parametrize("text", [
+    ".".join("a" * 20_000) + " = 1", "x = 1\n[" + ".".join(["'a'"] * 20_000) + "]",
+    " . ".join(['"a b"'] * 10_000) + " = 1",
+    "[map]\n" + "\n".join(".".join(["a"] * 100 + [str(number)]) + " = 1" for number in range(1000)),
+    "a = " + "[" * 100_000, "a = " + "{a=" * 50_000, "a" * 1_000_000,
+], ids=["dotted", "header", "quoted", "many", "lists", "tables", "word"])  # fmt: skip
 def test_deep_keys_are_refused_in_little_memory(folder, text):
     tracemalloc.start()
     started = time.monotonic()
     with pytest.raises(FileError, match="got"):
         opened(folder, text)
-    assert time.monotonic() - started < 100.0
-    assert tracemalloc.get_traced_memory()[1] < 2**27
+    assert time.monotonic() - started < 100.0 and tracemalloc.get_traced_memory()[1] < 2**27
     tracemalloc.stop()

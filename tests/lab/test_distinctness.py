@@ -20,6 +20,7 @@ ALONG_Y = (9.0, 0.0, 0.0)
 ALONG_X = (0.0, 0.0, 9.0)  # Nxx, Nxy, Nyy of facades along x: they leave x open
 ROOT_2 = math.sqrt(2.0)
 LAPLACE = np.exp(-ROOT_2 * np.abs(np.arange(-5, 5)))
+NO_DIRECTION = ((0.0, 0.0, 0.0), (4.0, 0.0, 4.0))
 
 
 def made(scores, normal_sums=ALONG_X, space=SPACE):
@@ -41,32 +42,24 @@ def measured(scores):
     return distinctness(made(scores), Count())
 
 
-# --- kurtosis -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("values", "wanted"),
-    [
-        ([0, 0, 0, 0, 1, 6, 1, 0, 0, 0], 4.0),  # variance 1/4, fourth moment 1/4
-        ([0, 0, 1, 0, 0, 6, 0, 0, 1, 0], 4.0),  # wider, but of the same shape
-        ([0, 0, 0, 0, 0, 2, 2, 0, 0, 0], 1.0),  # two places
-        ([3, 0, 0, 0, 0, 0, 0, 0, 0, 1], 7 / 3),  # about its mean: 1 / (p q) - 3 with p = 1/4
-    ],
-)
+# --- kurtosis ---
+@pytest.mark.parametrize(("values", "wanted"), [
+    ([0, 0, 0, 0, 1, 6, 1, 0, 0, 0], 4.0),  # variance 1/4, fourth moment 1/4
+    ([0, 0, 1, 0, 0, 6, 0, 0, 1, 0], 4.0),  # wider, but of the same shape
+    ([0, 0, 0, 0, 0, 2, 2, 0, 0, 0], 1.0),  # two places
+    ([3, 0, 0, 0, 0, 0, 0, 0, 0, 1], 7 / 3),  # about its mean: 1 / (p q) - 3 with p = 1/4
+])  # fmt: skip
 def test_kurtosis_by_hand(values, wanted):
     assert measured(row(values)).kurtosis == pytest.approx(wanted, rel=1e-12)
 
 
-# --- divergence ---------------------------------------------------------------------------------------
-
-
+# --- divergence ---
 def test_divergence_by_hand_also_where_the_laplace_distribution_underflows():
     values = [0, 0, 0, 0, 1, 6, 1, 0, 0, 0]
     total = 1 + 2 * sum(math.exp(-ROOT_2 * k) for k in (1, 2, 3, 4)) + math.exp(-ROOT_2 * 5)
     at_peak, beside = 1 / total, math.exp(-ROOT_2) / total
     wanted = 6 / 8 * math.log(6 / 8 / at_peak) + 2 * (1 / 8 * math.log(1 / 8 / beside))
-    assert wanted > 0.05
-    assert measured(row(values)).divergence == pytest.approx(wanted, rel=1e-12)
+    assert wanted > 0.05 and measured(row(values)).divergence == pytest.approx(wanted, rel=1e-12)
     assert math.exp(-ROOT_2 * 600) == 0.0
     space = SearchSpace(600 * CELL, CELL, 0.0, 0.5)
     scores = np.zeros(space.shape)
@@ -77,9 +70,7 @@ def test_divergence_by_hand_also_where_the_laplace_distribution_underflows():
     assert found.divergence == pytest.approx(wanted, rel=1e-9)
 
 
-# --- peak ratio and spread ----------------------------------------------------------------------------
-
-
+# --- peak ratio and spread ---
 def test_the_peak_ratio_is_second_over_highest_beyond_0_3_m():
     scores = row([4.0, 0, 0, 0, 7.9, 8.0, 0, 0, 0, 0])
     scores[2, 5, 9] = 6.0  # 0.24 m away, at another heading
@@ -101,17 +92,14 @@ def test_a_slope_is_no_second_best_and_without_a_score_there_is_no_ratio():
             assert peak_ratio(each, (0, 0, 3), space, 0.3) == math.inf
 
 
-@pytest.mark.parametrize(
-    ("others", "wanted"),
-    [
-        ([], 0.0),
-        ([((1, 5, 6), 9.0)], CELL),  # 90 % themselves reach it
-        ([((1, 5, 6), 8.99)], 0.0),
-        ([((0, 1, 8), 9.5), ((1, 5, 4), 9.5)], 5 * CELL),  # 3 and 4 cells away, at another heading
-        ([((2, 5, 5), 9.9)], 0.0),  # the same place at another heading
-        ([((1, 0, 0), 10.0)], 5 * ROOT_2 * CELL),
-    ],
-)
+@pytest.mark.parametrize(("others", "wanted"), [
+    ([], 0.0),
+    ([((1, 5, 6), 9.0)], CELL),  # 90 % themselves reach it
+    ([((1, 5, 6), 8.99)], 0.0),
+    ([((0, 1, 8), 9.5), ((1, 5, 4), 9.5)], 5 * CELL),  # 3 and 4 cells away, at another heading
+    ([((2, 5, 5), 9.9)], 0.0),  # the same place at another heading
+    ([((1, 0, 0), 10.0)], 5 * ROOT_2 * CELL),
+])  # fmt: skip
 def test_the_spread_is_the_farthest_cell_of_90_per_cent(others, wanted):
     scores = np.zeros(SPACE.shape)
     scores[MIDDLE] = 10.0
@@ -120,13 +108,10 @@ def test_the_spread_is_the_farthest_cell_of_90_per_cent(others, wanted):
     assert measured(scores).spread == pytest.approx(wanted, abs=1e-12)
 
 
-# --- where there is little to measure -----------------------------------------------------------------
-
-
+# --- where there is little to measure ---
 def test_a_peak_alone_one_cell_a_corner_and_no_peak_tell_little():
     found = measured(row([0, 0, 0, 0, 0, 5, 0, 0, 0, 0]))
-    assert (found.peak_ratio, found.spread) == (0.0, 0.0)
-    assert math.isnan(found.kurtosis)
+    assert (found.peak_ratio, found.spread) == (0.0, 0.0) and math.isnan(found.kurtosis)
     assert found.divergence == pytest.approx(math.log(LAPLACE.sum()), rel=1e-12)
     found = distinctness(made(3.0, space=SearchSpace(0.0, CELL, 0.0, 0.5)), Count())
     assert (found.peak_ratio, found.spread) == (0.0, 0.0)
@@ -141,9 +126,7 @@ def test_a_peak_alone_one_cell_a_corner_and_no_peak_tell_little():
     assert all(math.isnan(value) for value in dataclasses.astuple(measured(np.zeros(SPACE.shape))))
 
 
-# --- all four -----------------------------------------------------------------------------------------
-
-
+# --- all four ---
 @given(st.integers(0, 2**32), st.sampled_from([2.0**-20, 0.5, 4.0, 2.0**30]))
 def test_the_unit_of_the_score_does_not_matter(seed, factor):
     rng = np.random.default_rng(seed)
@@ -157,16 +140,11 @@ def test_the_unit_of_the_score_does_not_matter(seed, factor):
     assert 0.0 <= once.peak_ratio <= 1.0
 
 
-# --- what is refused ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        (-0.5, r"finite scores >= 0 .*got -0\.5 to 8\. Let the objective score 0 where nothing matches"),
-        (math.nan, "scores of .* that are numbers, got NaN"),
-    ],
-)
+# --- what is refused ---
+@pytest.mark.parametrize(("value", "words"), [
+    (-0.5, r"finite scores >= 0 .*got -0\.5 to 8\. Let the objective score 0 where nothing matches"),
+    (math.nan, "scores of .* that are numbers, got NaN"),
+])  # fmt: skip
 def test_scores_that_have_no_shares_are_refused(value, words):
     scores = row(8.0)
     scores[2, 0, 0] = value
@@ -176,12 +154,7 @@ def test_scores_that_have_no_shares_are_refused(value, words):
         significant_ray(made(scores), scores, MIDDLE)
 
 
-# --- the significant ray --------------------------------------------------------------------------------
-
-
-NO_DIRECTION = ((0.0, 0.0, 0.0), (4.0, 0.0, 4.0))
-
-
+# --- the significant ray ---
 @pytest.mark.parametrize("cell", [(1, 3, 6), (1, 0, 0), (1, 0, 9), (1, 9, 0), (1, 9, 9)])
 def test_the_ray_of_a_street_along_an_axis_is_not_cut_by_rounding_at_the_boundary(cell):
     scores, (_, y, x) = np.arange(300.0).reshape(SPACE.shape), cell

@@ -9,9 +9,8 @@ import pytest
 from maxcon import Pose
 from maxcon.lab import evaluation
 
-# --- errors -----------------------------------------------------------------------------------------------------
 
-
+# --- errors ---
 def _pose(x, y, z=0.0, heading_deg=0.0):
     return Pose(x, y, z, 0.1, -0.1, math.radians(heading_deg))
 
@@ -22,17 +21,14 @@ def test_heading_is_signed_and_takes_the_shorter_way(heading, reference, wanted)
     assert math.degrees(error.heading) == pytest.approx(wanted, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "reference_heading", "along", "across"),
-    [
-        (2.0, 1.0, 0.0, 2.0, 1.0),
-        (-1.0, 2.0, 90.0, 2.0, 1.0),  # driving north: west is to the left
-        (1.0, -2.0, 90.0, -2.0, -1.0),
-        (3.0, 0.5, 180.0, -3.0, -0.5),
-        (1.0, 1.0, 45.0, math.sqrt(2.0), 0.0),
-        (1.0, 0.0, 30.0, math.sqrt(0.75), -0.5),
-    ],
-)
+@pytest.mark.parametrize(("x", "y", "reference_heading", "along", "across"), [
+    (2.0, 1.0, 0.0, 2.0, 1.0),
+    (-1.0, 2.0, 90.0, 2.0, 1.0),  # driving north: west is to the left
+    (1.0, -2.0, 90.0, -2.0, -1.0),
+    (3.0, 0.5, 180.0, -3.0, -0.5),
+    (1.0, 1.0, 45.0, math.sqrt(2.0), 0.0),
+    (1.0, 0.0, 30.0, math.sqrt(0.75), -0.5),
+])  # fmt: skip
 def test_along_and_across_are_those_of_the_reference(x, y, reference_heading, along, across):
     reference = _pose(100.0, -50.0, -9.0, reference_heading)
     error = evaluation.pose_error(_pose(100.0 + x, -50.0 + y, 9.0, reference_heading + 1.0), reference)
@@ -41,13 +37,10 @@ def test_along_and_across_are_those_of_the_reference(x, y, reference_heading, al
     assert error.distance == pytest.approx(math.hypot(x, y))
 
 
-@pytest.mark.parametrize(
-    ("along", "across", "heading_deg", "wanted"),
-    [
-        (0.3, 0.0, 0.0, True), (0.3001, 0.0, 0.0, False), (-0.18, 0.24, 0.0, True), (0.25, 0.25, 0.0, False),
-        (0.0, 0.0, -1.0, True), (0.0, 0.0, 1.001, False), (0.31, 0.0, 1.1, False), (math.nan, 0.0, 0.0, False),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("along", "across", "heading_deg", "wanted"), [
+    (0.3, 0.0, 0.0, True), (0.3001, 0.0, 0.0, False), (-0.18, 0.24, 0.0, True), (0.25, 0.25, 0.0, False),
+    (0.0, 0.0, -1.0, True), (0.0, 0.0, 1.001, False), (0.31, 0.0, 1.1, False), (math.nan, 0.0, 0.0, False),
+])  # fmt: skip
 def test_success_is_0_3_m_and_1_degree(along, across, heading_deg, wanted):
     assert evaluation.PoseError(along, across, math.radians(heading_deg)).is_success is wanted
 
@@ -63,9 +56,7 @@ def test_quantiles_of_nothing_or_of_nan_are_nan():
         assert all(math.isnan(value) for value in dataclasses.astuple(evaluation.Quantiles.of(errors)))
 
 
-# --- what samples prove -----------------------------------------------------------------------------------------
-
-
+# --- what samples prove ---
 def at_most(n_found, n_epochs, rate):
     """Probability of at most so many, by the sum of its terms."""
     return sum(math.comb(n_epochs, k) * rate**k * (1.0 - rate) ** (n_epochs - k) for k in range(n_found + 1))
@@ -97,13 +88,10 @@ def test_a_small_rate_takes_many_epochs(rate, expected):
     assert evaluation.upper_bound(0, expected) <= rate < evaluation.upper_bound(0, expected - 1)
 
 
-# --- errors in sigmas -------------------------------------------------------------------------------------------
-
-
+# --- errors in sigmas ---
 def test_errors_are_counted_within_their_own_sigmas():
     found = evaluation.Coverage.of([0.1, -0.3, 0.5, 9.0, np.nan, 1.0], [0.1, 0.2, 0.2, 1.0, 1.0, np.nan])
-    assert (found.n_epochs, found.n_within) == (4, (1, 2, 3))
-    assert found.shares == (0.25, 0.5, 0.75)
+    assert (found.n_epochs, found.n_within) == (4, (1, 2, 3)) and found.shares == (0.25, 0.5, 0.75)
     assert found.rms == pytest.approx(math.sqrt((1.0 + 1.5**2 + 2.5**2 + 81.0) / 4.0))
     assert all(low < share < high for share, (low, high) in zip(found.shares, found.intervals, strict=True))
 
@@ -130,9 +118,7 @@ def test_no_epoch_says_nothing():
     assert (counts.n_used, counts.exceeded_bound) == (0, 1.0)
 
 
-# --- the Stanford diagram ---------------------------------------------------------------------------------------
-
-
+# --- the Stanford diagram ---
 def test_each_epoch_lies_in_one_region_and_is_as_bad_as_its_worst_direction():
     errors = [[0.05, 0.05], [0.05, 0.2], [0.2, 0.5], [0.05, 0.05], [0.05, 0.05]]
     levels = [[0.10, 0.10], [0.10, 0.1], [0.1, 0.1], [0.10, 0.40], [0.10, np.nan]]

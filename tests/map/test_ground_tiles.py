@@ -19,8 +19,7 @@ CELL = 0.06
 
 @pytest.mark.parametrize(("cell", "voxels"), [(0.03, 16), (0.06, 8), (0.1, 4), (3.0, 1), (1e-4, 512)])
 def test_cells_of_the_ground_are_of_about_half_a_metre_and_make_up_a_tile(cell, voxels):
-    assert ground_voxels(cell) == voxels
-    assert TILE_VOXELS % voxels == 0
+    assert ground_voxels(cell) == voxels and TILE_VOXELS % voxels == 0
 
 
 @given(SEEDS, st.integers(0, 300), st.integers(1, 6), st.integers(1, 3))
@@ -68,8 +67,7 @@ def test_a_patch_is_what_the_tiles_hold(seed, x, y, reach):
 def test_a_map_of_points_has_ground_only_if_it_is_given():
     wall, normals = [[1.0, 2.0, 1.0], [31.0, 2.0, 1.0]], np.tile([0.0, 1.0, 0.0], (2, 1))
     without = PointMap.from_points(wall, normals, CELL)
-    assert not without.has_ground
-    assert np.isnan(without.ground_around(0.0, 0.0, 5.0).heights).all()
+    assert not without.has_ground and np.isnan(without.ground_around(0.0, 0.0, 5.0).heights).all()
     given_ground = PointMap.from_points(wall, normals, CELL, ground=[[0.1, 0.1, -1.5], [3.0, 0.1, -1.25]])
     assert given_ground.has_ground
     heights = given_ground.ground_around(0.0, 0.0, 5.0).heights

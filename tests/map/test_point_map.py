@@ -79,14 +79,11 @@ def test_without_sides_turned_normals_do_not_cancel(seed, n):
     np.testing.assert_allclose(np.abs((means * wanted).sum(axis=1))[wanted.any(axis=1)], 1.0, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("normals", "is_signed", "mean"),
-    [
-        ([[1, 0, 0], [-1, 0, 0]], True, [0, 0, 0]),  # both faces of a thin wall
-        ([[1, 0, 0], [-1, 0, 0], [0, 1, 0]], True, [0, 1, 0]),
-        ([[0, 0, 0], [1, 0, 0], [-1, 0, 0]], False, [1, 0, 0]),
-    ],
-)
+@pytest.mark.parametrize(("normals", "is_signed", "mean"), [
+    ([[1, 0, 0], [-1, 0, 0]], True, [0, 0, 0]),  # both faces of a thin wall
+    ([[1, 0, 0], [-1, 0, 0], [0, 1, 0]], True, [0, 1, 0]),
+    ([[0, 0, 0], [1, 0, 0], [-1, 0, 0]], False, [1, 0, 0]),
+])  # fmt: skip
 def test_mean_normals_by_hand(normals, is_signed, mean):
     point_map = PointMap.from_points(np.full((len(normals), 3), 0.03), normals, is_signed=is_signed)
     _, counts, means = point_map.all_voxels()
@@ -141,23 +138,18 @@ def test_a_map_has_the_bounds_of_its_tiles_keeps_what_it_is_given_and_has_a_shor
     assert repr(frame) == "LocalFrame(0, 0, 0, EPSG:25832)"
 
 
-@pytest.mark.parametrize(
-    ("points", "normals", "cell", "words"),
-    [
-        (np.zeros((2, 3)), np.zeros((3, 3)), 0.06, "`normals` to have one row per point, 2, got 3"),
-        (np.zeros((1, 3)), [[0.5, 0.0, 0.0]], 0.06, "length 0.5 in row 0. Divide each row by its length"),
-        (np.full((1, 3), np.nan), np.zeros((1, 3)), 0.06, "finite coordinates in `points`"),
-        *((NOTHING, NOTHING, cell, f"edge `cell` in m, got {cell}") for cell in (0.0, math.nan, math.inf)),
-    ],
-)
+@pytest.mark.parametrize(("points", "normals", "cell", "words"), [
+    (np.zeros((2, 3)), np.zeros((3, 3)), 0.06, "`normals` to have one row per point, 2, got 3"),
+    (np.zeros((1, 3)), [[0.5, 0.0, 0.0]], 0.06, "length 0.5 in row 0. Divide each row by its length"),
+    (np.full((1, 3), np.nan), np.zeros((1, 3)), 0.06, "finite coordinates in `points`"),
+    *((NOTHING, NOTHING, cell, f"edge `cell` in m, got {cell}") for cell in (0.0, math.nan, math.inf)),
+])  # fmt: skip
 def test_points_that_make_no_map_are_refused(points, normals, cell, words):
     with pytest.raises(ArrayError, match=words):
         PointMap.from_points(points, normals, cell)
 
 
-# --- levels -------------------------------------------------------------------------------------------
-
-
+# --- levels ---
 def clumps(seed, *, is_signed):
     """A map of points in clumps over a few tiles, some without a normal."""
     rng = np.random.default_rng(seed)
@@ -210,8 +202,7 @@ def test_a_level_has_the_edges_of_its_voxels_and_the_tiles_of_its_map(monkeypatc
     assert level.cell == pytest.approx(0.48)
     assert level.tile_keys == point_map.tile_keys and len(level.tile_keys) > 1
     np.testing.assert_allclose(level.bounds, point_map.bounds)
-    assert level is point_map.level(8)
-    assert point_map.level(1) is point_map
+    assert level is point_map.level(8) and point_map.level(1) is point_map
     for one, again in zip(level.all_voxels(), level.all_voxels(), strict=True):
         np.testing.assert_array_equal(one, again)
     for factor in (0, -2, 3, 64):

@@ -24,6 +24,10 @@ from maxcon.map.store import MapWriter, classes_record, tile_record
 from written_maps import SAID, assert_same_map, damage, edit_index, edit_manifest, said_by, table_of, tile_shard, write
 
 CELL = 0.06
+SHARD = {"name": "tiles/00000-0.arrows", "bytes": 350}
+JUNK = st.sampled_from(
+    [None, True, False, 0, -1, 1.5, 1e400, float("nan"), 10**30, "", "x", "nan", [], [1], [[]], {}, {"a": 1}]
+)
 
 
 def test_what_is_written_is_what_is_opened(tmp_path, in_memory):
@@ -65,9 +69,7 @@ def test_opening_reads_no_tile_and_tiles_in_use_do_not_follow_their_files(copy, 
             each.all_voxels()
 
 
-# --- damage -------------------------------------------------------------------------------------------
-
-
+# --- damage ---
 @pytest.fixture(scope="module")
 def breakable(tmp_path_factory, shards):
     """A copy of a map of several shards, to break and put back."""
@@ -119,9 +121,7 @@ def test_voxels_in_another_order_are_refused(tmp_path, in_memory):
         PointMap.open(tmp_path).tile(tile.key)
 
 
-# --- classes of an updated map ------------------------------------------------------------------------
-
-
+# --- classes of an updated map ---
 def test_classes_of_voxels_are_read_and_decide_what_is_searched(tmp_path, in_memory):
     folder, key = tmp_path / "classed.map", min(in_memory.tile_keys)
     tile = in_memory.tile(key)
@@ -177,35 +177,29 @@ def test_what_is_written_is_what_is_read(path):
     assert (bare.crs, bare.build, len(bare.ground)) == (None, {}, 0)
 
 
-SHARD = {"name": "tiles/00000-0.arrows", "bytes": 350}
-
-
 def with_tiles(**changes):
     """Change what the manifest says of the tiles; `...` leaves an entry out."""
     return lambda content: content["sections"]["tiles"].update(changes)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        *(({"cell": cell}, "cell") for cell in (0.0, 1e3, ..., "wide")),
-        ({"origin": [0.0, 1e300, 0.0]}, "origin"),
-        ({"origin": [0.0, 0.0]}, "origin"),
-        ({"sigma": -0.01}, "sigma"),
-        ({"tile_voxels": 256}, "tile_voxels"),
-        ({"ground_voxels": 4}, "ground_voxels"),
-        ({"crs": 25832}, "crs"),
-        ({"is_signed": "false"}, "is_signed"),  # it must not read as true
-        ({"build": None}, "build"),
-        ({"sections": {}}, "at least one tile"),
-        ({"sections": {"../tiles": {}}}, "sections"),
-        *((with_tiles(index=name), "index`") for name in ("../secret", "tiles/../secret", "tiles/", 7, ...)),
-        (with_tiles(index_bytes=-1), "index_bytes"),
-        (with_tiles(index_sha256=...), "index_sha256"),
-        (with_tiles(shards=[{**SHARD, "bytes": 2**70}]), "bytes"),
-        *((with_tiles(shards=[{**SHARD, "name": name}]), "name") for name in ("/etc/passwd", "tiles/../a", "a/b\n")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "words"), [
+    *(({"cell": cell}, "cell") for cell in (0.0, 1e3, ..., "wide")),
+    ({"origin": [0.0, 1e300, 0.0]}, "origin"),
+    ({"origin": [0.0, 0.0]}, "origin"),
+    ({"sigma": -0.01}, "sigma"),
+    ({"tile_voxels": 256}, "tile_voxels"),
+    ({"ground_voxels": 4}, "ground_voxels"),
+    ({"crs": 25832}, "crs"),
+    ({"is_signed": "false"}, "is_signed"),  # it must not read as true
+    ({"build": None}, "build"),
+    ({"sections": {}}, "at least one tile"),
+    ({"sections": {"../tiles": {}}}, "sections"),
+    *((with_tiles(index=name), "index`") for name in ("../secret", "tiles/../secret", "tiles/", 7, ...)),
+    (with_tiles(index_bytes=-1), "index_bytes"),
+    (with_tiles(index_sha256=...), "index_sha256"),
+    (with_tiles(shards=[{**SHARD, "bytes": 2**70}]), "bytes"),
+    *((with_tiles(shards=[{**SHARD, "name": name}]), "name") for name in ("/etc/passwd", "tiles/../a", "a/b\n")),
+])  # fmt: skip
 def test_an_entry_that_cannot_be_is_named(path, changes, words):
     if callable(changes):
         content = json.loads(path.read_text())
@@ -220,19 +214,15 @@ def test_an_entry_that_cannot_be_is_named(path, changes, words):
     assert text.endswith("Build the map again with `maxcon map build`.")
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        *(({"format": wrong}, "to say it is a maxcon map, but it does not") for wrong in ("other", ...)),
-        ({"format_version": 2}, "map format version 3, got 2. Build the map again"),
-        ({"format_version": 4}, "map format version 3, got 4. Update maxcon"),
-        ({"cell": math.nan}, "to be the manifest of a map"),
-        *((text, "be the manifest of a map") for text in (b"", b"[" * 100_000, b"\xff\xfe\x00", b"NaN")),
-        *((text, "to say it is a maxcon map") for text in (b"[]", b"{}")),
-        ((b'"cell": 0.', b'"cell": 1.'), "json to be as it was written, got another checksum"),
-    ],
-    ids=range(12),
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "words"), [
+    *(({"format": wrong}, "to say it is a maxcon map, but it does not") for wrong in ("other", ...)),
+    ({"format_version": 2}, "map format version 3, got 2. Build the map again"),
+    ({"format_version": 4}, "map format version 3, got 4. Update maxcon"),
+    ({"cell": math.nan}, "to be the manifest of a map"),
+    *((text, "be the manifest of a map") for text in (b"", b"[" * 100_000, b"\xff\xfe\x00", b"NaN")),
+    *((text, "to say it is a maxcon map") for text in (b"[]", b"{}")),
+    ((b'"cell": 0.', b'"cell": 1.'), "json to be as it was written, got another checksum"),
+], ids=range(12))  # fmt: skip
 def test_what_is_no_manifest_of_this_version(path, changes, words):
     if isinstance(changes, dict):
         edit_manifest(path.parent, **changes)
@@ -258,11 +248,6 @@ def test_what_is_no_map_says_what_it_is(tmp_path):
         with pytest.raises(MapError) as refused:
             PointMap.open(tmp_path / name)
         assert words in str(refused.value)
-
-
-JUNK = st.sampled_from(
-    [None, True, False, 0, -1, 1.5, 1e400, float("nan"), 10**30, "", "x", "nan", [], [1], [[]], {}, {"a": 1}]
-)
 
 
 def paths_of(content, path=()):

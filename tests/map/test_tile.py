@@ -49,8 +49,7 @@ def test_occupancy_and_index_hold_each_voxel_once(seed, n, width, height):
 def test_full_patches_and_none():
     x, y = np.meshgrid(np.arange(480, 512), np.arange(0, 32))
     tile = tile_of(np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 7)]))
-    assert (tile.occupancy.words == np.uint64(2**64 - 1)).all()
-    assert all_found([tile]) == 1024
+    assert (tile.occupancy.words == np.uint64(2**64 - 1)).all() and all_found([tile]) == 1024
     nothing = tile_of([]).occupancy
     assert not nothing.held.any() and nothing.words.shape == (0, 4)
 
@@ -84,9 +83,7 @@ def test_other_orders_are_noticed(seed, n, width):
     assert not tile.rows(np.repeat(np.arange(len(tile)), 2)).is_in_order
 
 
-# --- the cache ----------------------------------------------------------------------------------------
-
-
+# --- the cache ---
 @dataclass(frozen=True)
 class Sized:
     """What the cache asks of a tile."""
@@ -169,8 +166,7 @@ def test_of_tiles_that_are_made_ahead_each_is_made_once_and_who_asks_is_served_f
     cache.load((11, 0))  # while all threads still wait
     assert made == [11]
     may_answer.set()
-    assert loaded(cache, range(13))[1] == list(range(10))
-    assert sorted(made) == list(range(13))
+    assert loaded(cache, range(13))[1] == list(range(10)) and sorted(made) == list(range(13))
     cache.prefetch([(number, 0) for number in range(13, 40)])
     for _ in range(2):  # asked again, it is tried again
         with pytest.raises(OSError, match="unlucky"):

@@ -47,8 +47,7 @@ def test_title_says_in_plain_words_what_happened(status):
     estimate = replace(parts()["estimate"], status=status)
     words = answer_words(estimate, yard().prior, yard().reference)
     assert words.startswith("Localized." if estimate.is_localized else f"NOT LOCALIZED: {status.value}.")
-    assert status.explanation in words.replace("\n", " ")
-    assert len(words.splitlines()) == 2
+    assert status.explanation in words.replace("\n", " ") and len(words.splitlines()) == 2
     if status is not maxcon.Status.NO_MATCH:
         assert "+0.18 m in x, −0.24 m in y, +0.50° from the prior" in words
         assert "0.00 m and 0.00° from the reference" in words
@@ -71,8 +70,7 @@ def test_points_on_level_ground_are_not_drawn():
     is_drawn = is_off_the_ground(
         maxcon.Scan(np.concatenate([ground, bush, wall]), normals), maxcon.Pose(0, 0, 1.8, 0, 0, 0)
     )
-    assert not is_drawn[:300].any()
-    assert is_drawn[300:].all()
+    assert not is_drawn[:300].any() and is_drawn[300:].all()
 
 
 def test_scores_lie_on_their_ground_and_the_axes_keep_their_limits():
@@ -119,8 +117,7 @@ def test_colours_run_from_nothing_to_the_best_and_the_reference_is_marked_at_its
     empty = score_panel.SearchSpaceView(
         maxcon.Accumulator(np.zeros((*SPACE.shape, 4)), SPACE, yard().prior), maxcon.Count()
     )
-    assert empty.limits == (0.0, 1.0)
-    assert not empty.has_best
+    assert empty.limits == (0.0, 1.0) and not empty.has_best
     assert view.offset(yard().reference) == pytest.approx((0.18, -0.24))
     assert view.heading_nearest(yard().reference, range(5)) == 3
     assert view.best == SPACE.nearest_cell(yard().reference, yard().prior)

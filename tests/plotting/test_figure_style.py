@@ -45,8 +45,7 @@ def test_voxels_over_each_square_are_counted_and_large_windows_have_larger_squar
     np.testing.assert_array_equal(n_voxels, expected)
     assert covered == (-2.0, 2.0, -1.0, 3.0)
     _, n_voxels = count_voxels(yard().point_map, Window.around(0.0, 0.0, 500.0))
-    assert max(n_voxels.shape) <= 701
-    assert n_voxels.sum() == len(yard().point_map.all_voxels()[0])
+    assert max(n_voxels.shape) <= 701 and n_voxels.sum() == len(yard().point_map.all_voxels()[0])
 
 
 @pytest.mark.parametrize(("length", "expected"), [(0.7, 0.5), (1.0, 1.0), (4.9, 2.0), (15.0, 10.0), (350.0, 200.0)])

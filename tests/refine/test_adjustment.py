@@ -13,6 +13,7 @@ from maxcon.geometry import wrap_angle
 from maxcon.lab.evaluation import pose_error
 from maxcon.refine import covariance, map_covariance, partner_kernels, refine
 from maxcon.refine.adjustment import CLUSTER_EDGE, MATCH_SIGMA, N_BINS, REACH, SCATTER_FACTORS, STEEPEST, WALL_RATIO
+from upright_walls import scattered
 
 
 def off(truth, rng, metres=0.09, degrees=0.25):
@@ -41,8 +42,7 @@ def test_there_is_no_bias_over_offsets_and_noise(yard):
         scan, point_map, truth = yard(100 + seed, noise=0.015)
         error = pose_error(refine(scan, point_map, off(truth, np.random.default_rng(seed))).pose, truth)
         errors.append((error.along, error.across))
-    assert np.abs(np.mean(errors, axis=0)).max() < 0.0015
-    assert np.abs(errors).max() < 0.005
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.0015 and np.abs(errors).max() < 0.005
 
 
 def test_height_and_tilt_are_found_where_eaves_tell_them_and_kept_where_nothing_does(yard):
@@ -55,8 +55,7 @@ def test_height_and_tilt_are_found_where_eaves_tell_them_and_kept_where_nothing_
     walls = Scan(scan.points[is_wall], scan.normals[is_wall])
     higher = truth.translated([0.0, 0.0, 0.1])
     refined = refine(walls, point_map, higher).pose
-    assert abs(refined.z - higher.z) < 0.02
-    assert pose_error(refined, truth).distance < 0.003
+    assert abs(refined.z - higher.z) < 0.02 and pose_error(refined, truth).distance < 0.003
 
 
 def test_a_tenth_of_clutter_and_a_moved_wall_do_not_pull(yard):
@@ -88,9 +87,7 @@ def test_without_a_map_the_start_is_kept_and_its_covariance(yard):
 
 
 def test_a_single_wall_leaves_the_rest_at_the_start():
-    rng = np.random.default_rng(0)
-    points = np.column_stack([np.full(4000, 5.013), rng.uniform(-4, 4, 4000), rng.uniform(-1, 3, 4000)])
-    normals = np.tile([-1.0, 0.0, 0.0], (4000, 1))
+    points, normals = scattered((5.013, -4.0), (5.013, 4.0), 4000, 0, (-1.0, 3.0))
     refined = refine(Scan(points, normals), PointMap.from_points(points, normals), Pose(0.05, 0.07, 0.0, 0, 0, 0))
     assert refined.pose.x == pytest.approx(0.0, abs=0.001)
     assert refined.pose.y == pytest.approx(0.07, abs=0.02)
@@ -217,5 +214,4 @@ def test_between_two_walls_the_open_direction_is_as_uncertain_as_the_start():
     normals = np.column_stack([-np.sign(points[:, 0]), np.zeros(6000), np.zeros(6000)])
     refined = refine(Scan(points, normals), PointMap.from_points(points, normals), Pose(0, 0, 0, 0, 0, 0))
     sigmas = np.sqrt(np.diag(covariance(refined, 0.0)))
-    assert sigmas[0] < 0.01
-    assert 0.3 < sigmas[1] < 1.5
+    assert sigmas[0] < 0.01 and 0.3 < sigmas[1] < 1.5

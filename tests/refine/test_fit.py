@@ -13,6 +13,7 @@ from maxcon import MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trust
 from maxcon.estimate import Status
 from maxcon.refine import fit, patterns, refine
 from maxcon.refine.adjustment import table_around
+from upright_walls import joined, scattered
 from walled_towns import TRUTH, beside, made, seen, walls
 
 SPACE = SearchSpace(1.0, heading_half_width_deg=2.0)
@@ -47,8 +48,7 @@ def test_a_right_answer_passes_with_noise_and_with_few_points(seed, noise, every
     point_map, scan = town(seed)
     noisy = scan.points + np.random.default_rng(seed).normal(0.0, noise, (len(scan), 3))
     found = fitted(Scan(noisy[::every], scan.normals[::every]), point_map)
-    assert (found.misfit, found.words) == (0.0, "")
-    assert not found.covariance.any()
+    assert (found.misfit, found.words) == (0.0, "") and not found.covariance.any()
 
 
 @given(seed=SEEDS, pattern=st.sampled_from(list(SIZES)), sign=st.sampled_from([-1.0, 1.0]))
@@ -58,8 +58,7 @@ def test_each_pattern_is_noticed_and_the_pose_is_that_of_the_scan_without_it(see
     found = fitted(distorted(scan, pattern, sign * SIZES[pattern]), point_map)
     assert found.words
     if found.misfit < 1.0:
-        assert pattern.is_of_scan
-        assert off(found.refined.pose) < 0.05
+        assert pattern.is_of_scan and off(found.refined.pose) < 0.05
 
 
 @pytest.mark.parametrize(("stretch", "twist"), [(1.0, 0.04), (-1.2, 0.04)])
@@ -88,15 +87,12 @@ def test_a_turn_that_begins_on_the_other_side_is_tried_where_it_moves_one_side_o
     assert sorted(sides) == [[False, True], [True, False]]
 
 
-@pytest.mark.parametrize(
-    ("pattern", "size", "words"),
-    [
-        (TOO_LARGE, 0.01, "the scan looks +0.99 %"), (LONG, 0.12, "the scan has ranges that look +0.1"),
-        (STRETCHED, 0.9, "the scan looks stretched along the way by +0.9 m a turn (corrected): deskew it (--deskew)"),
-        (TWISTED, 0.03, "the scan looks twisted by +1.7 degrees a turn (corrected): deskew it (--deskew)"),
-        (LEFT, 0.3, "the scan has what is to the left +0.3"), (AHEAD, 0.3, "the scan has what is ahead +0.3"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("pattern", "size", "words"), [
+    (TOO_LARGE, 0.01, "the scan looks +0.99 %"), (LONG, 0.12, "the scan has ranges that look +0.1"),
+    (STRETCHED, 0.9, "the scan looks stretched along the way by +0.9 m a turn (corrected): deskew it (--deskew)"),
+    (TWISTED, 0.03, "the scan looks twisted by +1.7 degrees a turn (corrected): deskew it (--deskew)"),
+    (LEFT, 0.3, "the scan has what is to the left +0.3"), (AHEAD, 0.3, "the scan has what is ahead +0.3"),
+])  # fmt: skip
 def test_the_strongest_pattern_is_named_with_its_size(pattern, size, words):
     point_map, scan = town(1)
     assert words in fitted(distorted(scan, pattern, size), point_map).words
@@ -107,8 +103,7 @@ def test_a_scan_is_corrected_and_a_third_of_the_shift_widens_the_covariance(patt
     point_map, scan = town(1)
     changed = distorted(scan, pattern, size)
     as_it_is, found = refine(changed, point_map, TRUTH).pose, fitted(changed, point_map)
-    assert found.misfit < 1.0
-    assert "(corrected)" in found.words
+    assert found.misfit < 1.0 and "(corrected)" in found.words
     assert off(found.refined.pose) < min(0.03, 0.7 * off(as_it_is))
     shift = found.refined.pose.values - as_it_is.values
     assert found.covariance == pytest.approx(0.33**2 * np.outer(shift, shift))
@@ -127,8 +122,7 @@ def test_what_the_map_may_have_as_well_is_not_corrected_and_widens_the_covarianc
     point_map, scan = town(1)
     changed = distorted(scan, LEFT, 0.1)
     found = fitted(changed, point_map)
-    assert 0.0 < found.misfit < 1.0
-    assert "what is to the left +0.1" in found.words
+    assert 0.0 < found.misfit < 1.0 and "what is to the left +0.1" in found.words
     assert found.refined.pose == refine(changed, point_map, TRUTH).pose
     assert math.sqrt(found.covariance[1, 1]) == pytest.approx(abs(found.refined.pose.y - TRUTH.y), abs=0.02)
 
@@ -157,10 +151,8 @@ def test_a_large_pattern_that_the_scan_does_not_have_leaves_it_unexplained(monke
 
 
 def test_a_pattern_that_the_pose_takes_up_is_not_seen_in_a_scan_without_any_noise():
-    rng = np.random.default_rng(0)
-    wall = np.column_stack([np.full(20_000, 10.0), rng.uniform(-8, 8, 20_000), rng.uniform(0, 4, 20_000)])
-    side = np.column_stack([rng.uniform(-8, 10, 20_000), np.full(20_000, 8.0), rng.uniform(0, 4, 20_000)])
-    points, normals = np.concatenate([wall, side]), np.repeat([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], 20_000, axis=0)
+    ways = (((10.0, -8.0), (10.0, 8.0)), ((10.0, 8.0), (-8.0, 8.0)))
+    points, normals = joined(*(scattered(*way, 20_000, seed, (0.0, 4.0)) for seed, way in enumerate(ways)))
     corner = PointMap.from_points(points, normals, cell=0.06)
     found = fitted(Scan(points - [1.0, 2.0, 1.8]), corner, Pose(1.0, 2.0, 1.8, 0.0, 0.0, 0.0))
     assert (found.misfit, found.words) == (0.0, "")
@@ -170,8 +162,7 @@ def test_away_from_the_right_pose_patches_lie_beside_the_map():
     point_map, scan = town(1)
     refined, table = refine(scan, point_map, TRUTH), table_around(scan.sample, point_map, [TRUTH])
     found = fit.fit_of(replace(refined, pose=beside(0.25, 0.2)), scan.sample, point_map, table)
-    assert found.misfit > 1.0
-    assert "patches of surface lie beside those of the map" in found.words
+    assert found.misfit > 1.0 and "patches of surface lie beside those of the map" in found.words
 
 
 @pytest.mark.parametrize(("noise", "apart", "is_loose"), [(0.0, False, True), (0.08, False, False), (0.0, True, False)])
@@ -187,12 +178,10 @@ def test_points_near_the_map_that_are_not_close_are_told_unless_surfaces_are_thi
     if apart:
         refined = replace(refined, points=refined.points[::-1] * [1.0, 1.0, 100.0], normals=refined.normals[::-1])
     found = fit._loose(replace(refined, residuals=chance), point_map)
-    assert bool(found) is is_loose
-    assert not fit._loose(refined, point_map)
+    assert bool(found) is is_loose and not fit._loose(refined, point_map)
     if is_loose:
         (misfit, words), *_ = found
-        assert misfit > 1.0
-        assert "% lie within 0.05 m of them" in words
+        assert misfit > 1.0 and "% lie within 0.05 m of them" in words
 
 
 def street(*sides):
@@ -232,8 +221,7 @@ def test_an_answer_that_does_not_fit_is_refused_unless_it_is_asked_for():
     point_map, scan = town(1)
     shifted = distorted(scan, LEFT, 0.3)
     refused = MaximumConsensus(SPACE, wider=0.0).localize(shifted, point_map, beside(0.2, 0.1))
-    assert refused.status is Status.MISFIT
-    assert "what is to the left" in refused.reason
+    assert refused.status is Status.MISFIT and "what is to the left" in refused.reason
     trusting = MaximumConsensus(SPACE, wider=0.0, trust=Trust(largest_misfit=math.inf))
     assert trusting.localize(shifted, point_map, beside(0.2, 0.1)).is_localized
 
@@ -241,6 +229,5 @@ def test_an_answer_that_does_not_fit_is_refused_unless_it_is_asked_for():
 def test_the_answer_of_a_scan_that_was_not_deskewed_is_that_of_the_middle_of_its_turn():
     point_map, scan = town(1)
     answer = MaximumConsensus(SPACE).localize(distorted(scan, STRETCHED, 1.0), point_map, beside(0.2, 0.1))
-    assert answer.is_localized
-    assert off(answer.pose) < 0.03
+    assert answer.is_localized and off(answer.pose) < 0.03
     assert "by +1.0 m a turn (corrected): deskew it (--deskew)" in answer.reason

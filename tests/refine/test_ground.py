@@ -104,8 +104,7 @@ def test_height_and_tilt_of_a_prior_are_corrected(maps, ground, height, roll_deg
     pose = on(ground, heading=heading)
     scan, prior = scan_of(ground, pose, cars=cars, seed=seed), off_by(pose, height, roll_deg, pitch_deg)
     fit = fit_ground(scan, maps[ground], prior)
-    assert fit is not None
-    assert abs(fit.pose.z - pose.z) < 0.05
+    assert fit is not None and abs(fit.pose.z - pose.z) < 0.05
     assert tilt_between(fit.pose, pose) < 0.25
     assert (fit.pose.x, fit.pose.y, fit.pose.heading) == (pose.x, pose.y, pose.heading)
     assert fit.height == pytest.approx(fit.pose.z - (pose.z + height))
@@ -119,23 +118,18 @@ def test_at_a_wrong_place_the_height_is_that_of_this_place(maps, ground, offset)
     there = on(ground, *offset)
     prior = off_by(replace(pose, x=offset[0], y=offset[1], heading=math.radians(2.0)), 1.0, 0.5, -0.5)
     fit = fit_ground(scan_of(ground, pose), maps[ground], prior)
-    assert fit is not None
-    assert abs(fit.pose.z - there.z) < 0.15
+    assert fit is not None and abs(fit.pose.z - there.z) < 0.15
 
 
 def test_a_right_prior_stays_and_a_narrow_view_tells_less_of_the_tilt(maps):
     pose = on(hill, 4.0, -3.0, 0.7)
     fit = fit_ground(scan_of(hill, pose), maps[hill], pose)
-    assert abs(fit.height) < 0.02
-    assert math.degrees(fit.tilt) < 0.1
-    assert fit.spread < 0.04
-    assert fit.ratio > 0.9
-    assert fit.sigma_height < 0.01
-    assert math.degrees(fit.sigma_tilt) < 0.1
+    assert abs(fit.height) < 0.02 and math.degrees(fit.tilt) < 0.1
+    assert fit.spread < 0.04 and fit.ratio > 0.9
+    assert fit.sigma_height < 0.01 and math.degrees(fit.sigma_tilt) < 0.1
     pose = on(flat)
     wide, narrow = (fit_ground(scan_of(flat, pose, sector=sector), maps[flat], pose) for sector in (math.pi, 0.3))
-    assert narrow.sigma_tilt > 2.0 * wide.sigma_tilt
-    assert abs(narrow.height) < 0.05
+    assert narrow.sigma_tilt > 2.0 * wide.sigma_tilt and abs(narrow.height) < 0.05
 
 
 def test_under_a_bridge_and_on_it():
@@ -240,7 +234,6 @@ def test_clutter_that_hides_most_of_the_ground_is_not_taken_for_it(maps, seed):
 def test_above_the_ground_of_a_map_a_sensor_is_as_upright_as_above_its_own(maps, heading):
     found = pose_above_ground(maps[slope], 5.0, 6.0, heading, Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0))
     wanted = on(slope, 5.0, 6.0, heading)
-    assert found.z == pytest.approx(wanted.z, abs=0.03)
-    assert tilt_between(found, wanted) < 0.1
+    assert found.z == pytest.approx(wanted.z, abs=0.03) and tilt_between(found, wanted) < 0.1
     nowhere = pose_above_ground(maps[slope], 500.0, 0.0, heading, wanted)
     assert (nowhere.z, nowhere.roll, nowhere.pitch) == (wanted.z, wanted.roll, wanted.pitch)

@@ -21,6 +21,7 @@ from maxcon.refine import (
     validation,
 )  # fmt: skip
 from maxcon.refine.adjustment import PASSES
+from upright_walls import joined, scattered
 
 HERE = Pose(0.2, -0.1, 1.6, 0.0, 0.0, 0.3)
 ON_GROUND = replace(HERE, z=1.55, roll=0.01)
@@ -29,15 +30,9 @@ RISK = 0.01
 
 def wall(azimuth_deg, distance, n, rng):
     """Points of a wall that faces the origin, seen at an azimuth; and its normals."""
-    azimuth = math.radians(azimuth_deg)
-    out = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
-    along = np.array([-out[1], out[0], 0.0])
-    points = distance * out + rng.uniform(-6, 6, (n, 1)) * along + rng.uniform(-1, 4, (n, 1)) * [0.0, 0.0, 1.0]
-    return points, np.tile(-out, (n, 1))
-
-
-def joined(*walls):
-    return tuple(np.concatenate(parts) for parts in zip(*walls, strict=True))
+    c, s = math.cos(math.radians(azimuth_deg)), math.sin(math.radians(azimuth_deg))
+    middle, along = distance * np.array([c, s]), 6.0 * np.array([-s, c])
+    return scattered(middle - along, middle + along, n, rng, (-1.0, 4.0))
 
 
 @pytest.fixture(scope="module")
@@ -79,23 +74,19 @@ def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_re
     asked.assert_not_called()
 
 
-@pytest.mark.parametrize(
-    ("fit", "height_sigma", "tilt_sigma"),
-    [
-        (None, HEIGHT_SIGMA, TILT_SIGMA),
-        (ground(0.001, 0.0001), 0.03, 0.003),
-        (ground(0.05, 0.0001), 0.05, 0.003),
-        (ground(0.001, 0.02), 0.03, 0.02),
-    ],
-)
+@pytest.mark.parametrize(("fit", "height_sigma", "tilt_sigma"), [
+    (None, HEIGHT_SIGMA, TILT_SIGMA),
+    (ground(0.001, 0.0001), 0.03, 0.003),
+    (ground(0.05, 0.0001), 0.05, 0.003),
+    (ground(0.001, 0.02), 0.03, 0.02),
+])  # fmt: skip
 def test_the_ground_tells_no_more_than_map_and_walls_agree_on(asked, room, fit, height_sigma, tilt_sigma):
     answer = validate(found(), fit, seen(room, 3000), room[2], Trust(), RISK)
     asked.assert_called_once()
     told = dict(asked.call_args.kwargs)
     assert asked.call_args.args[2] == (HERE if fit is None else ON_GROUND)
     assert (told.pop("height_sigma"), told.pop("tilt_sigma"), told.pop("passes")) == (height_sigma, tilt_sigma, PASSES)
-    assert list(told) == ["table"]
-    assert answer.is_localized
+    assert list(told) == ["table"] and answer.is_localized
     assert answer.pose.position[:2] == pytest.approx(HERE.position[:2], abs=0.01)
     assert np.isfinite(answer.covariance).all() and np.isfinite(answer.protection_level).all()
 
@@ -156,14 +147,11 @@ def test_the_orientation_bin_with_the_lowest_share_is_given():
     assert least_wall_share(refine(bare, point_map, here)) is None
 
 
-@pytest.mark.parametrize(
-    ("vertical", "residual", "n_points", "wanted"),
-    [
-        (0.0, 0.0, 19, None), (0.0, 0.0, 20, WallShare(math.radians(15), 20, 20)),
-        (0.0, 0.079, 30, WallShare(math.radians(15), 30, 30)), (0.0, 0.081, 30, WallShare(math.radians(15), 30, 0)),
-        (0.49, 0.0, 30, WallShare(math.radians(15), 30, 30)), (0.51, 0.0, 30, None),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("vertical", "residual", "n_points", "wanted"), [
+    (0.0, 0.0, 19, None), (0.0, 0.0, 20, WallShare(math.radians(15), 20, 20)),
+    (0.0, 0.079, 30, WallShare(math.radians(15), 30, 30)), (0.0, 0.081, 30, WallShare(math.radians(15), 30, 0)),
+    (0.49, 0.0, 30, WallShare(math.radians(15), 30, 30)), (0.51, 0.0, 30, None),
+])  # fmt: skip
 def test_what_a_wall_point_is_and_when_it_is_found(vertical, residual, n_points, wanted):
     normals = np.tile([math.sqrt(1.0 - vertical**2), 0.0, vertical], (n_points, 1))
     nothing = np.zeros((n_points, 4))

@@ -28,8 +28,7 @@ def relocalizer(town):
 def assert_right(estimate, truth):
     error = pose_error(estimate.pose, truth)
     assert estimate.is_localized, (estimate.status, estimate.reason)
-    assert error.distance < 0.1
-    assert abs(math.degrees(error.heading)) < 0.3
+    assert error.distance < 0.1 and abs(math.degrees(error.heading)) < 0.3
 
 
 @pytest.mark.parametrize(("x", "y", "heading_deg"), [(-12.0, 20.3, 171.0), (18.1, -9.2, -88.5)])
@@ -37,8 +36,7 @@ def test_a_scan_is_found_at_any_place_and_heading(town, relocalizer, x, y, headi
     truth = town.pose(x, y, math.radians(heading_deg))
     found = relocalizer.search(town.scan(truth, 1))
     assert_right(found.estimate, truth)
-    assert found.estimate.pose.z == pytest.approx(HEIGHT, abs=0.05)
-    assert found.n_others == 0
+    assert found.estimate.pose.z == pytest.approx(HEIGHT, abs=0.05) and found.n_others == 0
     assert found.n_cells == relocalizer.n_cells > 180 * 80 * 80
     assert np.isfinite(found.estimate.covariance).all()
 
@@ -57,8 +55,7 @@ def test_a_scanner_held_askew_is_found_by_the_tilt_of_its_scan(town, relocalizer
 def test_threads_do_not_change_the_answer(town, relocalizer):
     scan = town.scan(town.pose(-5.0, 5.0, 1.0), 3)
     one, three = relocalizer.search(scan), Relocalizer(town.map, n_threads=3).search(scan)
-    assert one.places == three.places
-    assert one.estimate.pose == three.estimate.pose
+    assert one.places == three.places and one.estimate.pose == three.estimate.pose
     assert (one.n_coarse, one.n_half, one.n_others) == (three.n_coarse, three.n_half, three.n_others)
 
 
@@ -72,8 +69,7 @@ def test_a_town_that_is_there_twice_is_ambiguous_and_says_so():
     truth = once.pose(2.0, 9.0, 0.7)
     scan, everywhere = once.scan(truth, 4), Relocalizer(twice)
     found = everywhere.search(scan)
-    assert found.estimate.status is Status.AMBIGUOUS
-    assert found.n_others == 1
+    assert found.estimate.status is Status.AMBIGUOUS and found.n_others == 1
     assert "1 other place of the map could not be excluded" in found.estimate.reason
     assert sorted(round(pose.x / 150.0) for pose in found.places[:2]) == [0, 1]
     assert_right(everywhere.within((10.0, 0.0), 30.0).localize(scan), truth)
@@ -99,8 +95,7 @@ def test_in_a_circle_without_the_true_place_it_is_not_localized(town, relocalize
     scan = town.scan(town.pose(20.0, 20.0, 0.4), 5)
     assert not relocalizer.within((-20.0, -20.0), 15.0).localize(scan).is_localized
     inside = relocalizer.within((15.0, 15.0), 15.0)
-    assert inside.localize(scan).is_localized
-    assert inside.n_cells < 180 * math.pi * 16.0**2 / 0.96**2
+    assert inside.localize(scan).is_localized and inside.n_cells < 180 * math.pi * 16.0**2 / 0.96**2
     assert (relocalizer.area, relocalizer.coarse.area, inside.coarse.area) == (None, None, inside.area)
     scan = town.scan(town.pose(10.0, 0.0, 0.4), 6)  # at the boundary
     assert relocalizer.within((0.0, 0.0), 10.3).localize(scan).status is Status.AT_RIM

@@ -86,19 +86,16 @@ def test_a_file_of_one_scanner_of_several_and_none(tmp_path):
         read_mounting(tmp_path / "none.toml")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "neither"), ("[odometry]\nposition=[0,0,0]", "neither"), ("[sensors]", "unknown field `sensors`"),
-        ("sensor = 3", "`sensor`: expected"), ("[sensor]\nheading = 1.5", "unknown field `heading`"),
-        ("[sensor]\nposition = [1, 2]", "at `sensor.position`.*length 3"),
-        ("[sensor]\nposition = [1100, 0, 1900]", "in m"), ("[sensor]\nposition = [1, true, 2]", "in m"),
-        ("[sensor]\nroll_deg = nan", "roll_deg"), ("[sensor]\nroll_deg = '3'", "roll_deg"), ("[sensor", "a mounting"),
-        ("scanner = 3", "`scanner`: expected"), ("[scanner.a]\nposition = [1, 2, 3]", "a topic, or scans"),
-        ("[scanner.a]\ntopic = 3", "expected `str"), ("[scanner.a]\ntopic = '/a'\nrange = 3", "unknown field `range`"),
-        ("[sensor]\n[scanner.a]\ntopic = '/a'", "it has both"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "neither"), ("[odometry]\nposition=[0,0,0]", "neither"), ("[sensors]", "unknown field `sensors`"),
+    ("sensor = 3", "`sensor`: expected"), ("[sensor]\nheading = 1.5", "unknown field `heading`"),
+    ("[sensor]\nposition = [1, 2]", "at `sensor.position`.*length 3"),
+    ("[sensor]\nposition = [1100, 0, 1900]", "in m"), ("[sensor]\nposition = [1, true, 2]", "in m"),
+    ("[sensor]\nroll_deg = nan", "roll_deg"), ("[sensor]\nroll_deg = '3'", "roll_deg"), ("[sensor", "a mounting"),
+    ("scanner = 3", "`scanner`: expected"), ("[scanner.a]\nposition = [1, 2, 3]", "a topic, or scans"),
+    ("[scanner.a]\ntopic = 3", "expected `str"), ("[scanner.a]\ntopic = '/a'\nrange = 3", "unknown field `range`"),
+    ("[sensor]\n[scanner.a]\ntopic = '/a'", "it has both"),
+])  # fmt: skip
 def test_what_is_no_mounting_is_refused(tmp_path, text, words):
     path = tmp_path / "mounting.toml"
     path.write_text(text)

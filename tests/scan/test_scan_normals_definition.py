@@ -168,7 +168,7 @@ RINGS_DEG = {
 }  # fmt: skip
 
 
-def beams_of(layout, azimuth, rng, n=600):
+def beams_of(layout, azimuth, rng, n=450):
     """About n unit vectors within 17 degrees of an azimuth (rad), and the moment of each, 0 to 1."""
     if layout == "a cone":  # solid state: directions at random
         turns, elevations = rng.uniform(-0.3, 0.3, n), np.arcsin(rng.uniform(-0.3, 0.3, n))
@@ -218,7 +218,7 @@ LAYOUTS = [*RINGS_DEG, "a cone"]
 def test_planes_and_corners(layout, planes):
     ends = assert_as_defined(scene(layout, planes, azimuth=0.7))
     if planes == "a wall" and layout != "1 ring":
-        assert ends["plane"] > 130
+        assert ends["plane"] > 95
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -234,27 +234,24 @@ def test_deskewed_and_thinned(layout):
 @pytest.mark.parametrize("layout", ["16 rings", "a cone"])
 def test_across_the_seam_of_azimuths(layout, azimuth):
     points = scene(layout, "a corner", azimuth)
-    assert (points[:, 1] > 0.0).any()
-    assert (points[:, 1] < 0.0).any()
-    assert assert_as_defined(points)["plane"] > 130
+    assert (points[:, 1] > 0.0).any() and (points[:, 1] < 0.0).any()
+    assert assert_as_defined(points)["plane"] > 95
 
 
 @pytest.mark.parametrize("azimuth", [0.0, np.pi / 2.0, np.pi])
 def test_along_the_axes_without_noise(azimuth):
     """Of the columns that give a normal, all but one are next to nothing."""
-    assert assert_as_defined(scene("16 rings", "a wall close by", azimuth, noise=0.0))["plane"] > 130
+    assert assert_as_defined(scene("16 rings", "a wall close by", azimuth, noise=0.0))["plane"] > 95
 
 
 def test_duplicates_echoes_and_points_without_a_direction():
     points = scene("16 rings", "a wall", azimuth=3.0, n=600)
-    many = np.concatenate(
-        [
-            points, points[::2], 1.2 * points[::3],
-            np.tile(points[50], (60, 1)),  # in one place
-            np.outer(np.linspace(0.9, 1.1, 60), points[90]),  # in one direction
-            np.zeros((7, 3)), np.outer(np.linspace(-3.0, 3.0, 9), [0.0, 0.0, 1.0]),
-        ]
-    )  # fmt: skip
+    many = np.concatenate([
+        points, points[::2], 1.2 * points[::3],
+        np.tile(points[50], (60, 1)),  # in one place
+        np.outer(np.linspace(0.9, 1.1, 60), points[90]),  # in one direction
+        np.zeros((7, 3)), np.outer(np.linspace(-3.0, 3.0, 9), [0.0, 0.0, 1.0]),
+    ])  # fmt: skip
     assert assert_as_defined(np.random.default_rng(0).permutation(many))["plane"] > 200
 
 

@@ -51,8 +51,7 @@ def test_which_points_are_kept_does_not_depend_on_their_order(seed, edge):
     order = rng.permutation(len(points))
     here, there = Scan(points, normals).thinned(edge), Scan(points[order], normals[order]).thinned(edge)
     rows = [np.unique(np.hstack([scan.points, scan.normals]), axis=0) for scan in (here, there)]
-    assert (rows[0] == rows[1]).all()
-    assert len(rows[0]) == len(here)
+    assert (rows[0] == rows[1]).all() and len(rows[0]) == len(here)
 
 
 def test_a_thinned_scan_has_measured_points_with_the_normals_of_the_whole_scan():
@@ -60,14 +59,12 @@ def test_a_thinned_scan_has_measured_points_with_the_normals_of_the_whole_scan()
     points, normals = random_points(rng, 400, 2.0)
     scan = Scan(points, normals, time=7.0)
     thinned = scan.thinned(0.5)
-    assert thinned.time == 7.0
-    assert 0 < len(thinned) < len(scan)
+    assert thinned.time == 7.0 and 0 < len(thinned) < len(scan)
     measured = {(*point, *normal) for point, normal in zip(points.tolist(), normals.tolist(), strict=True)}
     kept = {(*p, *n) for p, n in zip(thinned.points.tolist(), thinned.normals.tolist(), strict=True)}
     assert kept <= measured
     again = thinned.thinned(0.5)  # nothing is left to thin
-    assert (again.points == thinned.points).all()
-    assert (again.normals == thinned.normals).all()
+    assert (again.points == thinned.points).all() and (again.normals == thinned.normals).all()
 
 
 def test_points_on_both_sides_and_far_away_and_edges_of_0_and_empty_scans():
@@ -108,8 +105,7 @@ def test_by_lot_the_middle_of_a_noisy_wall_stays_where_it_is():
         points = np.column_stack([x, rng.uniform(-9, 9, 30_000), rng.uniform(-1, 5, 30_000)])
         normals = np.tile([-1.0, 0.0, 0.0], (30_000, 1))
         off.append(x[one_per_cube(points, normals, 0.4, by_lot=True)].mean() - distance)
-    assert np.abs(off).max() < 0.006
-    assert abs(np.mean(off)) < 0.0005
+    assert np.abs(off).max() < 0.006 and abs(np.mean(off)) < 0.0005
 
 
 def test_a_sample_has_the_normals_of_the_whole_scan_whatever_the_order_of_its_points():

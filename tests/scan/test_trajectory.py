@@ -18,6 +18,8 @@ UTM = np.array([458888.4217, 5429081.5413, 115.0739])
 ANGLE = st.floats(-math.pi, math.pi)
 STEEP = st.floats(-math.pi / 2, math.pi / 2)
 IDENTITY, KNOWN = (0.0, 0.0, 0.0, 1.0), np.eye(3)
+OUTSIDE = r"within the trajectory, 0\.0+ to 1\.0+ s, got .* from the nearest pose\..*clock"
+UNKNOWN = np.full((3, 3), np.nan)
 
 
 def drive(times, positions=None):
@@ -78,34 +80,28 @@ def test_nearly_unit_quaternions_are_normalized():
     assert trajectory.pose(0).heading == pytest.approx(math.pi / 2)
 
 
-@pytest.mark.parametrize(
-    ("times", "quaternion", "covariance", "words"),
-    [
-        ([0.0, 1.0, 1.0], IDENTITY, KNOWN, r"Row 2 .*increase, got 1\.0+ s after 1\.0+ s.*Sort"),
-        ([0.0, math.nan, 2.0], IDENTITY, KNOWN, "Row 1 .*finite"),
-        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 0.0), KNOWN, "Row 1 .*unit quaternion.*length 0"),
-        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 2.0), KNOWN, "Row 1 .*unit quaternion.*length 2.*order of the columns"),
-        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, math.nan), KNOWN, "Row 1 .*finite"),
-        ([0.0, 1.0, 2.0], (0.0, 1e300, 1e300, 1.0), KNOWN, "Row 1 .*unit quaternion"),
-        ([0.0, 1.0, 2.0], IDENTITY, np.diag([1.0, np.nan, 1.0]), "Row 1 .*finite, symmetric"),
-        ([0.0, 1.0, 2.0], IDENTITY, np.ones((3, 3)) - np.diag([0.0, 0.0, 0.5]), "Row 1 .*positive semidefinite"),
-    ],
-)
+@pytest.mark.parametrize(("times", "quaternion", "covariance", "words"), [
+    ([0.0, 1.0, 1.0], IDENTITY, KNOWN, r"Row 2 .*increase, got 1\.0+ s after 1\.0+ s.*Sort"),
+    ([0.0, math.nan, 2.0], IDENTITY, KNOWN, "Row 1 .*finite"),
+    ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 0.0), KNOWN, "Row 1 .*unit quaternion.*length 0"),
+    ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 2.0), KNOWN, "Row 1 .*unit quaternion.*length 2.*order of the columns"),
+    ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, math.nan), KNOWN, "Row 1 .*finite"),
+    ([0.0, 1.0, 2.0], (0.0, 1e300, 1e300, 1.0), KNOWN, "Row 1 .*unit quaternion"),
+    ([0.0, 1.0, 2.0], IDENTITY, np.diag([1.0, np.nan, 1.0]), "Row 1 .*finite, symmetric"),
+    ([0.0, 1.0, 2.0], IDENTITY, np.ones((3, 3)) - np.diag([0.0, 0.0, 0.5]), "Row 1 .*positive semidefinite"),
+])  # fmt: skip
 def test_rows_that_cannot_be_used_are_named(times, quaternion, covariance, words):
     with pytest.raises(TrajectoryError, match=words):
         Trajectory(times, np.zeros((3, 3)), [IDENTITY, quaternion, IDENTITY], [KNOWN, covariance, KNOWN])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (([[0.0]], [[0.0] * 3], [IDENTITY]), r"`times` to have shape \(n,\), got \(1, 1\)"),
-        (([0.0, 1.0], [[0.0] * 3], [IDENTITY] * 2), r"`positions` to have shape \(2, 3\), got \(1, 3\)"),
-        (([0.0], [[0.0] * 3], [[0.0] * 3]), r"`quaternions_xyzw` to have shape \(1, 4\)"),
-        ((["a"], [[0.0] * 3], [IDENTITY]), "`times` to be numbers"),
-        (([0.0], [[0.0] * 3], [IDENTITY], [np.eye(6)]), r"`covariances` to have shape \(1, 3, 3\), got \(1, 6, 6\)"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (([[0.0]], [[0.0] * 3], [IDENTITY]), r"`times` to have shape \(n,\), got \(1, 1\)"),
+    (([0.0, 1.0], [[0.0] * 3], [IDENTITY] * 2), r"`positions` to have shape \(2, 3\), got \(1, 3\)"),
+    (([0.0], [[0.0] * 3], [[0.0] * 3]), r"`quaternions_xyzw` to have shape \(1, 4\)"),
+    ((["a"], [[0.0] * 3], [IDENTITY]), "`times` to be numbers"),
+    (([0.0], [[0.0] * 3], [IDENTITY], [np.eye(6)]), r"`covariances` to have shape \(1, 3, 3\), got \(1, 6, 6\)"),
+])  # fmt: skip
 def test_wrong_shapes_are_refused(arguments, words):
     with pytest.raises(ArrayError, match=words):
         Trajectory(*arguments)
@@ -113,18 +109,12 @@ def test_wrong_shapes_are_refused(arguments, words):
         Trajectory.from_poses([], [])
 
 
-OUTSIDE = r"within the trajectory, 0\.0+ to 1\.0+ s, got .* from the nearest pose\..*clock"
-
-
-@pytest.mark.parametrize(
-    ("time", "max_gap", "error", "words"),
-    [
-        *((time, 10.0, TrajectoryError, OUTSIDE) for time in (-0.01, 1.01, 1.7e9)),
-        (math.nan, 0.5, TrajectoryError, "finite time"),
-        (0.5, -1.0, OptionError, "max_gap >= 0"),
-        (0.5, math.nan, OptionError, "max_gap >= 0"),
-    ],
-)
+@pytest.mark.parametrize(("time", "max_gap", "error", "words"), [
+    *((time, 10.0, TrajectoryError, OUTSIDE) for time in (-0.01, 1.01, 1.7e9)),
+    (math.nan, 0.5, TrajectoryError, "finite time"),
+    (0.5, -1.0, OptionError, "max_gap >= 0"),
+    (0.5, math.nan, OptionError, "max_gap >= 0"),
+])  # fmt: skip
 def test_times_that_are_refused(time, max_gap, error, words):
     with pytest.raises(error, match=words):
         drive([0.0, 1.0]).at(time, max_gap=max_gap)
@@ -178,8 +168,7 @@ def test_positions_at_many_times_at_one_pose_and_at_none():
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-8)
     trajectory = drive([5.0])
     np.testing.assert_array_equal(trajectory.positions_at([5.0, 5.2, 5.3])[:, 0], [UTM[0], UTM[0], math.nan])
-    assert trajectory.positions_at([]).shape == (0, 3)
-    assert trajectory.at(5.0).x == UTM[0]
+    assert trajectory.positions_at([]).shape == (0, 3) and trajectory.at(5.0).x == UTM[0]
     with pytest.raises(ArrayError, match=r"`times` to have shape \(n,\)"):
         trajectory.positions_at([[5.0]])
 
@@ -198,17 +187,13 @@ def known_drive(covariances):
     return Trajectory(times, np.outer(times, [1.0, 0.0, 0.0]), np.tile(IDENTITY, (len(times), 1)), covariances)
 
 
-UNKNOWN = np.full((3, 3), np.nan)
-
-
 def test_covariances_are_linear_between_poses_and_may_be_unknown():
     first, second = np.diag([1.0, 4.0, 0.01]), np.diag([3.0, 0.0, 0.03])
     assert drive([0.0, 0.1]).covariance_at(0.05) is None  # without covariances none is known
     trajectory = known_drive([first, second, UNKNOWN, first])
     np.testing.assert_allclose(trajectory.covariance_at(0.25, 2.0), 0.75 * first + 0.25 * second)
     np.testing.assert_array_equal(trajectory.covariance_at(1.0, 2.0), second)  # beside one that is unknown
-    assert trajectory.covariance_at(1.5, 2.0) is None
-    assert trajectory.covariance_at(2.0, 2.0) is None
+    assert trajectory.covariance_at(1.5, 2.0) is None and trajectory.covariance_at(2.0, 2.0) is None
     np.testing.assert_array_equal(trajectory.covariance_at(3.0005), first)
     np.testing.assert_array_equal(trajectory.covariance_at(3.0, 2.0), first)  # just after one that is unknown
     with pytest.raises(TrajectoryError, match="within the trajectory"):

@@ -57,8 +57,7 @@ def assert_it_is_the_best(found, accumulator, objective, space, ratio, guard_rad
     __tracebackhide__ = True
     scores = accumulator.score(objective)
     best = accumulator.best_cell(objective)
-    assert found.cell == best
-    assert found.score == scores[best] == found.bound
+    assert found.cell == best and found.score == scores[best] == found.bound
     assert (found.moments == accumulator.moments[best]).all()
     _, ny, nx = space.shape
     guarded = guarded or best
@@ -69,11 +68,6 @@ def assert_it_is_the_best(found, accumulator, objective, space, ratio, guard_rad
         assert found.second_best == second_best
     else:
         assert found.second_best < ratio * scores[guarded] or found.second_best == second_best == 0.0
-
-
-def some_cell(seed, space):
-    rng = np.random.default_rng(seed)
-    return tuple(int(rng.integers(n)) for n in space.shape)
 
 
 SPACE = SearchSpace(0.8, CELL, 1.0, 0.5)
@@ -101,7 +95,7 @@ def test_it_finds_what_the_exhaustive_search_finds(
     space = SearchSpace(n_steps * CELL * factor, CELL * factor, *turns)
     scan, point_map, prior = street(seed, space, is_signed=is_signed, n_points=n_points)
     scene = scan, point_map.level(factor), prior, space
-    guarded = some_cell(seed, space) if is_guarded else None
+    guarded = tuple(np.random.default_rng(seed).integers(space.shape).tolist()) if is_guarded else None
     asked = {"ratio": ratio, "guard_radius": guard_radius, "guarded": guarded}
     with mock.patch.dict(MODULE.__dict__, limits):
         found = branch_and_bound(*scene, objective, **options, **asked, n_threads=n_threads)
@@ -172,8 +166,7 @@ def test_where_every_point_matches_squarely_a_cell_has_all_that_is_thought_possi
             weights, added = 60.0, count
         else:
             weights, added = (60 - n_bare) * max(1.0, length) + 0.5 * n_bare, along
-        assert added <= here <= added * (1.0 + 1e-3)
-        assert added <= bounding.most
+        assert added <= here <= added * (1.0 + 1e-3) and added <= bounding.most
         assert bounding.most == pytest.approx(times * weights, rel=5e-6)
 
 
@@ -277,8 +270,7 @@ def test_sums_fit_in_their_integers_in_units_no_coarser_than_that_asks_for(n_poi
     unit = kind(prepared, objective).unit
     # A match adds at most as much as its voxel weighs, a little more for rounding, and what is rounded up to a unit.
     largest, room = (n_points * 3, 2**30) if is_once else (fullest + 2, 2**22)
-    assert math.frexp(unit)[0] == 0.5
-    assert largest <= room * unit
+    assert math.frexp(unit)[0] == 0.5 and largest <= room * unit
     assert unit == 2.0**-14 or largest > room * unit / 2
 
 

@@ -15,6 +15,11 @@ from maxcon.search.visit_kernels import RIM
 CELL, ONCE = 0.1, Multiplicity.OCCUPIED
 TILE = 512 * CELL
 SPACE = SearchSpace(1.5, CELL, 2.0, 1.0)
+CORNERS = st.sampled_from([(0.0, 0.0), (1.0, -1.0), (0.5, 3.0), (-2.5, -0.5), (-30000.0, 20000.0)])
+GROUPS = {
+    "seed": SEEDS, "n_groups": st.integers(0, 20), "n_headings": st.integers(1, 9),
+    "drift": st.sampled_from([0, 2, 10, 60]),
+}  # fmt: skip
 
 
 def scene(seed, corner=(0.0, 0.0), n_points=3000, is_signed=True, *, multiplicity=ONCE, weighting=Weighting.COSINE):
@@ -39,9 +44,6 @@ def some_cells(rng, n):
     cells = rng.integers(0, SPACE.shape, (n, 3))
     cells[:2] = [[0, 0, 0], np.array(SPACE.shape) - 1]
     return cells
-
-
-CORNERS = st.sampled_from([(0.0, 0.0), (1.0, -1.0), (0.5, 3.0), (-2.5, -0.5), (-30000.0, 20000.0)])
 
 
 @given(seed=SEEDS, corner=CORNERS, n_points=st.sampled_from([1, 50, 3000]), is_signed=st.booleans(), options=OPTIONS)
@@ -96,12 +98,6 @@ def planned_plainly(starts, columns):
                 visits.append([group, since, heading, x.min(), x.max(), y.min(), y.max()])
                 since = heading
     return visits
-
-
-GROUPS = {
-    "seed": SEEDS, "n_groups": st.integers(0, 20), "n_headings": st.integers(1, 9),
-    "drift": st.sampled_from([0, 2, 10, 60]),
-}  # fmt: skip
 
 
 @given(**GROUPS, spread=st.sampled_from([1, 1000, 2**29]))

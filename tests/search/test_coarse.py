@@ -32,16 +32,11 @@ def test_the_cells_that_are_found_are_those_of_the_definition(seed, x, y, turn_d
     grid = level.normals_around(prior.x, prior.y, 60.0, (-6.0, 12.0))
     scores, found = highest_cells(points, grid, prior, cells, ratio, 0.0, n_threads)
     plain = Scan(points, np.zeros_like(points))
-    wanted = reference_scores(plain, level, prior, cells)
+    wanted = exhaustive(plain, level, prior, cells, weighting="one").score(Helmert())
     # Normals are kept in 127ths: scores differ by a hundredth, and near the ratio that may decide.
     assert scores == pytest.approx(wanted[tuple(found.T)], rel=0.03)
     assert (scores >= ratio * scores.max()).all()
     assert {tuple(cell) for cell in np.argwhere(wanted >= 1.06 * ratio * wanted.max())} <= set(map(tuple, found))
-
-
-def reference_scores(scan, level, prior, cells):
-    """Scores of all cells, each match of weight one."""
-    return exhaustive(scan, level, prior, cells, weighting="one").score(Helmert())
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.05])

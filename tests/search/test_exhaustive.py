@@ -67,8 +67,7 @@ def by_votes(scan, point_map, prior, space, multiplicity="occupied", weighting="
 
 def assert_same(accumulator, moments):
     __tracebackhide__ = True
-    assert accumulator.moments.dtype == np.float64
-    assert accumulator.moments.shape == moments.shape
+    assert accumulator.moments.dtype == np.float64 and accumulator.moments.shape == moments.shape
     assert (accumulator.moments == moments).all()
 
 
@@ -192,8 +191,7 @@ def test_the_consensus_set_of_a_cell_is_what_its_count_counts(seed, n_scan, n_ma
     best = accumulator.best_cell(Count())
     for cell in (best, (0, 0, 0), (2, 9, 4)):
         matched = consensus_set(scan, point_map, prior, space, cell)
-        assert matched.shape == (len(scan),)
-        assert matched.sum() == accumulator.moments[cell][0]
+        assert matched.shape == (len(scan),) and matched.sum() == accumulator.moments[cell][0]
     pose = space.pose(best, prior)
     inner = np.floor(pose.apply(scan.points) / 0.06).astype(int)
     is_in_map = np.array([tuple(index) in voxels for index in inner.tolist()], dtype=bool)

@@ -12,6 +12,7 @@ from maxcon.search import accumulators, branch_and_bound, exhaustive, highest_of
 from maxcon.search.objectives import OBJECTIVES
 
 CELL = 0.1
+TO_WALL = [0.0, -1.0, 0.0]
 
 
 def yard(seed, space, *, n_walls=6, n_points=120):
@@ -96,9 +97,6 @@ def test_ties_of_heights_are_broken_in_index_order():
     assert (found.height, found.cell, found.score) == (0, (0, 0, 0), 0.0)
     with pytest.raises(SearchSpaceError, match="at least one height"):
         highest_of([], Helmert())
-
-
-TO_WALL = [0.0, -1.0, 0.0]
 
 
 def best_by_both(scan, point_map, space, objective):

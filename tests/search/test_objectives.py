@@ -21,6 +21,14 @@ from maxcon.search.accumulator import CONTRIBUTION_STEP, ROUNDER, cells_of, chec
 from maxcon.search.objectives import OBJECTIVES, Checked, as_objective
 
 VALUES = st.floats(-1e12, 1e12) | st.sampled_from([0.0, 1e-300, -1e-300, 1e-30, 5e-324, 1.0, 2.0**-24, 1e100])
+CELL = 0.06
+PLACE, X = [[0.01, 0.01, 0.01]], [[1.0, 0.0, 0.0]]
+POINT_MAP = PointMap.from_points(PLACE, X, CELL)
+PRIOR = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
+FAR = PRIOR.translated([1e9, 0.0, 0.0])
+NARROW = r"at most (67,108,864|100,000) cells .* got .*\. Narrow the search space"
+MODULES = [f"maxcon.search.{module.name}" for module in pkgutil.iter_modules(maxcon.search.__path__)]
 
 
 def moments_of(normals, weights):
@@ -35,14 +43,11 @@ def directions(seed, n, spread=np.pi):
     return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-@pytest.mark.parametrize(
-    ("moments", "count", "score", "eigenvalue"),
-    [
-        ([0, 0, 0, 0], 0, 0.0, 0.0), ([5, 2, 0, 3], 5, 1.2, 2.0), ([5, 3, 0, 2], 5, 1.2, 2.0),
-        ([10, 5, 0, 5], 10, 2.5, 5.0), ([4, 2, 1, 2], 4, 0.75, 1.0), ([4, 2, -1, 2], 4, 0.75, 1.0),
-        ([7, 7, 0, 0], 7, 0.0, 0.0), ([7, 3.5, 3.5, 3.5], 7, 0.0, 0.0), ([7, 0, 0, 0], 7, 0.0, 0.0),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("moments", "count", "score", "eigenvalue"), [
+    ([0, 0, 0, 0], 0, 0.0, 0.0), ([5, 2, 0, 3], 5, 1.2, 2.0), ([5, 3, 0, 2], 5, 1.2, 2.0),
+    ([10, 5, 0, 5], 10, 2.5, 5.0), ([4, 2, 1, 2], 4, 0.75, 1.0), ([4, 2, -1, 2], 4, 0.75, 1.0),
+    ([7, 7, 0, 0], 7, 0.0, 0.0), ([7, 3.5, 3.5, 3.5], 7, 0.0, 0.0), ([7, 0, 0, 0], 7, 0.0, 0.0),
+])  # fmt: skip
 def test_values_by_hand(moments, count, score, eigenvalue):
     moments = np.array(moments, float)
     assert Count().score(moments) == count
@@ -88,8 +93,7 @@ def test_one_direction_however_often_scores_nothing(seed, angle, n):
     moments = np.array([n, *sums])
     if moments[1] + moments[3] < 0.1:
         return  # a few hundred-thousandths of a match: rounding alone
-    assert Helmert().score(moments) == 0.0
-    assert MaxEigenvalue().score(moments) == 0.0
+    assert Helmert().score(moments) == 0.0 and MaxEigenvalue().score(moments) == 0.0
 
 
 @given(hnp.arrays(np.float64, hnp.array_shapes(max_dims=2, max_side=6).map(lambda s: (*s, 4)), elements=VALUES))
@@ -100,10 +104,8 @@ def test_never_nan_and_never_a_warning(moments):
         warnings.simplefilter("error")
         for objective in OBJECTIVES:
             scores = objective.score(moments)
-            assert scores.shape == moments.shape[:-1]
-            assert scores.dtype == np.float64
-            assert not np.isnan(scores).any()
-            assert (scores >= 0.0).all()
+            assert scores.shape == moments.shape[:-1] and scores.dtype == np.float64
+            assert not np.isnan(scores).any() and (scores >= 0.0).all()
 
 
 @given(
@@ -131,8 +133,7 @@ def test_bounds_hold_for_scores_as_they_are_computed_in_any_axes(seed, n, azimut
 @pytest.mark.parametrize("objective", [Count(), Helmert(), MaxEigenvalue()])
 def test_objectives_are_told_by_name_and_two_of_a_kind_are_the_same(objective):
     assert as_objective(objective.name) == objective == type(objective)()
-    assert as_objective(objective) is objective
-    assert {objective: 1}[type(objective)()] == 1
+    assert as_objective(objective) is objective and {objective: 1}[type(objective)()] == 1
 
 
 @pytest.mark.parametrize("wrong", ["Helmert", "", "helmert ", 3, None, Helmert])
@@ -143,26 +144,16 @@ def test_what_is_no_objective_is_refused(wrong):
         maxcon.MaximumConsensus(objective=wrong)
 
 
-@pytest.mark.parametrize(
-    ("score", "words"),
-    [
-        (lambda moments: moments, r"shape \(2, 3\), got \(2, 3, 4\)"),
-        (lambda moments: moments.sum(), r"\.OwnObjective to return scores of shape \(2, 3\), got \(\) of float64"),
-        (lambda moments: np.where([[1, 1, 1], [1, 0, 1]], 1.0, np.nan), "numbers, got NaN"),
-        (lambda moments: np.full((2, 3), -1e-300), r"0 or more .* got -1e-300\. Let the objective return 0"),
-        (lambda moments: np.array([[5, 4, 3], [2, 1, -7]]), "0 or more .* got -7"),
-    ],
-)
+@pytest.mark.parametrize(("score", "words"), [
+    (lambda moments: moments, r"shape \(2, 3\), got \(2, 3, 4\)"),
+    (lambda moments: moments.sum(), r"\.OwnObjective to return scores of shape \(2, 3\), got \(\) of float64"),
+    (lambda moments: np.where([[1, 1, 1], [1, 0, 1]], 1.0, np.nan), "numbers, got NaN"),
+    (lambda moments: np.full((2, 3), -1e-300), r"0 or more .* got -1e-300\. Let the objective return 0"),
+    (lambda moments: np.array([[5, 4, 3], [2, 1, -7]]), "0 or more .* got -7"),
+])  # fmt: skip
 def test_scores_that_are_not_are_refused(score, words):
     with pytest.raises(ArrayError, match=words):
         Checked(OwnObjective(score)).score(np.ones((2, 3, 4)))
-
-
-CELL = 0.06
-PLACE, X = [[0.01, 0.01, 0.01]], [[1.0, 0.0, 0.0]]
-POINT_MAP = PointMap.from_points(PLACE, X, CELL)
-PRIOR = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
 
 
 def test_matches_are_rounded_to_whole_steps_and_half_a_billion_add_up_exactly():
@@ -195,39 +186,27 @@ def test_other_cells_are_refused(factor):
         cells_of(space, POINT_MAP)
 
 
-# --- what every search refuses ------------------------------------------------------------------------
+# --- what every search refuses ---
+SEARCHES = {
+    "e": exhaustive, "v": reference.voxels, "b": lambda *given, **options: branch_and_bound(*given, Count(), **options),
+    "m": lambda *given: consensus_set(*given, (0, 0, 0)),
+}  # fmt: skip
 
 
-def bounded(*arguments, **options):
-    return branch_and_bound(*arguments, Count(), **options)
-
-
-def matched(*arguments):
-    return consensus_set(*arguments, (0, 0, 0))
-
-
-FAR = PRIOR.translated([1e9, 0.0, 0.0])
-NARROW = r"at most (67,108,864|100,000) cells .* got .*\. Narrow the search space"
-
-
-@pytest.mark.parametrize(
-    ("searches", "prior", "space", "options", "error", "words"),
-    [
-        ("evbm", PRIOR, SearchSpace(1.0, 0.05), {}, SearchSpaceError, r"0\.06 m, got 0\.05 m\. Search in a level"),
-        ("ev", PRIOR, SearchSpace(0.6, CELL, 0.0, 0.5, CELL), {}, SearchSpaceError, "one height, got 3"),
-        ("e", PRIOR, lambda: SearchSpace(600.0, CELL), {}, SearchSpaceError, NARROW),
-        ("e", PRIOR, lambda: SearchSpace(60_000.0, CELL), {}, SearchSpaceError, NARROW),
-        ("evb", FAR, SPACE, {}, ArrayError, "of the local origin"),
-        ("evb", PRIOR, SPACE, {"multiplicity": "all"}, OptionError, "'occupied' or 'points', got 'all'"),
-        ("evb", PRIOR, SPACE, {"weighting": "two"}, OptionError, "'cosine', 'published' or 'one', got 'two'"),
-        ("eb", PRIOR, SPACE, {"n_threads": 0}, OptionError, "Expected `n_threads` to be 1 or more, got 0"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("searches", "prior", "space", "options", "error", "words"), [
+    ("evbm", PRIOR, SearchSpace(1.0, 0.05), {}, SearchSpaceError, r"0\.06 m, got 0\.05 m\. Search in a level"),
+    ("ev", PRIOR, SearchSpace(0.6, CELL, 0.0, 0.5, CELL), {}, SearchSpaceError, "one height, got 3"),
+    ("e", PRIOR, lambda: SearchSpace(600.0, CELL), {}, SearchSpaceError, NARROW),
+    ("e", PRIOR, lambda: SearchSpace(60_000.0, CELL), {}, SearchSpaceError, NARROW),
+    ("evb", FAR, SPACE, {}, ArrayError, "of the local origin"),
+    ("evb", PRIOR, SPACE, {"multiplicity": "all"}, OptionError, "'occupied' or 'points', got 'all'"),
+    ("evb", PRIOR, SPACE, {"weighting": "two"}, OptionError, "'cosine', 'published' or 'one', got 'two'"),
+    ("eb", PRIOR, SPACE, {"n_threads": 0}, OptionError, "Expected `n_threads` to be 1 or more, got 0"),
+])  # fmt: skip
 def test_what_searches_refuse(searches, prior, space, options, error, words):
     for name in searches:
-        search = {"e": exhaustive, "v": reference.voxels, "b": bounded, "m": matched}[name]
         with pytest.raises(error, match=words):
-            search(Scan(PLACE, X), POINT_MAP, prior, space() if callable(space) else space, **options)
+            SEARCHES[name](Scan(PLACE, X), POINT_MAP, prior, space() if callable(space) else space, **options)
 
 
 def test_so_many_cells_fit_and_no_more():
@@ -236,15 +215,12 @@ def test_so_many_cells_fit_and_no_more():
         check_all_fit(SearchSpace(4097 * CELL, CELL, 0.0, 0.5))
 
 
-@pytest.mark.parametrize(
-    ("search", "names"),
-    [
-        (exhaustive, "scan point_map prior space"),
-        (reference.voxels, "scan point_map prior space"),
-        (reference.pairs, "scan points_map normals_map prior space"),
-        (branch_and_bound, "scan point_map prior space objective"),
-    ],
-)
+@pytest.mark.parametrize(("search", "names"), [
+    (exhaustive, "scan point_map prior space"),
+    (reference.voxels, "scan point_map prior space"),
+    (reference.pairs, "scan points_map normals_map prior space"),
+    (branch_and_bound, "scan point_map prior space objective"),
+])  # fmt: skip
 def test_what_is_searched_goes_by_position_or_by_name_and_options_by_name_alone(search, names):
     kinds = [(name, each.kind.name) for name, each in inspect.signature(search).parameters.items()]
     n = len(names.split())
@@ -260,9 +236,6 @@ def test_answers_can_be_compared():
     ):
         one = make()
         assert one == one and one != make()
-
-
-MODULES = [f"maxcon.search.{module.name}" for module in pkgutil.iter_modules(maxcon.search.__path__)]
 
 
 @pytest.mark.parametrize("name", [*MODULES, "maxcon.cell_search", "maxcon.estimate", "maxcon.integrity"])

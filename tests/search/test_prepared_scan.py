@@ -18,6 +18,7 @@ CELL = 0.25
 TILE = TILE_VOXELS * CELL
 SPACE = SearchSpace(2.0, CELL, 2.0, 0.5)
 SIDES = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
+END = 2.0**30 * CELL  # indices end there
 
 
 def random_scan(rng, n_points, spread, height):
@@ -88,9 +89,6 @@ def test_groups_are_of_one_square_and_layer_and_have_their_tiles(seed, n_points,
         assert row < prepared.shape[0]
 
 
-END = 2.0**30 * CELL  # indices end there
-
-
 @pytest.mark.parametrize(
     ("direction", "length", "fits", "refused"),
     [  # the space reaches 2 m, and one cell more is kept free; no cell lies higher or lower
@@ -140,7 +138,6 @@ def test_the_field_of_the_points_that_constrain(weighting):
     assert np.diff(part.starts).tolist() == [len(each) for each in numbers if len(each)]
     assert part.layers.tolist() == [layer for layer, each in zip(whole.layers, numbers, strict=True) if len(each)]
     if weighting is Weighting.PUBLISHED:
-        assert (part.middles == part.starts[1:]).all()
-        assert 300 < len(kept) < 450
+        assert (part.middles == part.starts[1:]).all() and 300 < len(kept) < 450
     else:
         assert len(kept) == len(scan)

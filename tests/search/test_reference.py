@@ -19,6 +19,7 @@ SMALL = SearchSpace(0.3, CELL, 0.0, 0.5)  # 10 x 10 cells
 STREET = math.radians(31.0)
 X, SLANTED = [1.0, 0.0, 0.0], [0.6, 0.0, 0.8]
 MULTIPLICITIES = ("points", "occupied")
+PLACES = [[0.03, 0.03, 0.03]] * 7
 
 
 def by_pairs(scene, prior, space, multiplicity):
@@ -41,9 +42,7 @@ def assert_only_best(accumulator, objective, cell):
     assert np.count_nonzero(scores == scores.max()) == 1
 
 
-# --- scenes -------------------------------------------------------------------------------------------
-
-
+# --- scenes ---
 @both_models
 @both_multiplicities
 @pytest.mark.parametrize("objective", [Count(), Helmert(), MaxEigenvalue()])
@@ -61,8 +60,7 @@ def test_walls_along_one_direction_are_said_to_be_undetermined(scene, objective,
     scene.wall((-3, 5), (3, 5), turn=turn) if draw == "wall" else bare_street(scene, turn)
     estimate = MaximumConsensus(SMALL, objective).localize(scene.scan, scene.point_map, scene.prior(1, 2))
     assert (estimate.status, estimate.is_localized) == ("undetermined", False)
-    assert np.isinf(np.diag(estimate.cofactor)).all()
-    assert estimate.helmert_point_error == np.inf
+    assert np.isinf(np.diag(estimate.cofactor)).all() and estimate.helmert_point_error == np.inf
 
 
 def bare_street(scene, turn):
@@ -86,35 +84,29 @@ def test_a_street_at_31_degrees_with_a_few_surfaces_across(turned_scene, model, 
     assert_only_best(accumulator, Helmert(), (2, 3 - 2, 3 + 1))
 
 
-@pytest.fixture
-def uneven_street(scene):
-    """A street along x, surveyed 20 times as densely from 1.2 m before the sensor on; the scan is densest there."""
+def test_uneven_map_density_draws_the_count_along_the_street_but_not_helmert(scene):
+    """Figure "merged", (d) to (f), of the paper.
+
+    A street along x, surveyed 20 times as densely from 1.2 m before the sensor on; the scan is densest there.
+    """
     for y in (5.0, -6.0):
         scene.wall((-8, y), (-1.0, y)).wall((-1.0, y), (0.2, y), scan_step=0.06)
         scene.wall((0.2, y), (8, y))
         scene.wall((0.2, y), (1.4, y), repeat=20, in_scan=False)
     for x, y in ((-3.1, 5.0), (3.0, 5.0), (4.7, -6.3)):
         scene.wall((x, y), (x, y + 0.3), scan_step=0.1)
-    return scene
-
-
-def test_uneven_map_density_draws_the_count_along_the_street_but_not_helmert(uneven_street):
-    """Figure "merged", (d) to (f), of the paper."""
-    space = SearchSpace(1.8, CELL, 0.0, 0.5)
-    middle = (0, 30, 30)
-    accumulator = by_voxels(uneven_street, uneven_street.prior(0, 0), space, "points")
+    space, middle = SearchSpace(1.8, CELL, 0.0, 0.5), (0, 30, 30)
+    accumulator = by_voxels(scene, scene.prior(0, 0), space, "points")
     _, iy, ix = accumulator.best_cell(Count())
     assert iy == 30
     assert ix > 30 + 10  # along the street, by more than 0.6 m, towards the dense part
     assert_only_best(accumulator, Helmert(), middle)
-    free_of_density = by_voxels(uneven_street, uneven_street.prior(0, 0), space, "occupied")
+    free_of_density = by_voxels(scene, scene.prior(0, 0), space, "occupied")
     assert_only_best(free_of_density, Count(), middle)
     assert_only_best(free_of_density, Helmert(), middle)
 
 
-# --- the paper's closed forms -------------------------------------------------------------------------
-
-
+# --- the paper's closed forms ---
 def unit_matches(n1, n2, turn):
     """n1 scan points on a surface with normal u, n2 on one at right angles; u at an angle to x."""
     c, s = math.cos(turn), math.sin(turn)
@@ -138,9 +130,7 @@ def test_unit_matches_at_right_angles(n1, n2, turn):
         assert accumulator.score(MaxEigenvalue())[0, 0, 0] == pytest.approx(min(n1, n2), rel=1e-5)
 
 
-# --- equation (2) to the letter -----------------------------------------------------------------------
-
-
+# --- equation (2) to the letter ---
 def random_pairs(seed, n_scan, n_map, cell):
     """Scan and map points on a grid of cell / 8, exactly representable, with normals of all directions."""
     rng = np.random.default_rng(seed)
@@ -223,9 +213,7 @@ def test_voxels_are_pairs_where_map_points_are_voxel_centres(seed, n_scan, n_map
         np.testing.assert_allclose(pairs.moments, voxels.moments, atol=1e-5)
 
 
-# --- what a match adds --------------------------------------------------------------------------------
-
-
+# --- what a match adds ---
 def matches(places, n_scan, n_map, *, is_signed=True, **options):
     """Moments of scan and map points in one voxel, by both models."""
     scan = Scan(places[: len(n_scan)], n_scan)
@@ -237,26 +225,20 @@ def matches(places, n_scan, n_map, *, is_signed=True, **options):
     return pairs[0, 0, 0]
 
 
-PLACES = [[0.03, 0.03, 0.03]] * 7
-
-
 def one_match(n_scan, n_map, **options):
     return matches(PLACES, [n_scan], [n_map], **options)
 
 
-@pytest.mark.parametrize(
-    ("n_scan", "n_map", "is_signed", "weight"),
-    [
-        (X, X, True, 1.0),
-        ([-1.0, 0.0, 0.0], X, True, 0.0),  # the back of a wall is counted but constrains nothing
-        ([-1.0, 0.0, 0.0], X, False, 1.0),
-        (SLANTED, X, True, 0.6),
-        (SLANTED, SLANTED, True, 1.0),  # a roof constrains x by the square of its level part
-        ([0.0, 0.0, 0.0], X, True, 0.5),  # no scan normal: the mean of the cosine over a half space
-        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], True, 0.0),  # no direction of the observation either
-        (X, [0.0, 0.0, 0.0], True, 0.0),  # no map normal
-    ],
-)
+@pytest.mark.parametrize(("n_scan", "n_map", "is_signed", "weight"), [
+    (X, X, True, 1.0),
+    ([-1.0, 0.0, 0.0], X, True, 0.0),  # the back of a wall is counted but constrains nothing
+    ([-1.0, 0.0, 0.0], X, False, 1.0),
+    (SLANTED, X, True, 0.6),
+    (SLANTED, SLANTED, True, 1.0),  # a roof constrains x by the square of its level part
+    ([0.0, 0.0, 0.0], X, True, 0.5),  # no scan normal: the mean of the cosine over a half space
+    ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], True, 0.0),  # no direction of the observation either
+    (X, [0.0, 0.0, 0.0], True, 0.0),  # no map normal
+])  # fmt: skip
 def test_the_weight_is_the_cosine_between_the_normals(n_scan, n_map, is_signed, weight):
     expected = [1.0, weight * n_map[0] ** 2, 0.0, 0.0]
     np.testing.assert_allclose(one_match(n_scan, n_map, is_signed=is_signed), expected, atol=1e-6)
@@ -293,17 +275,12 @@ def test_the_prior_turns_and_raises_the_scan():
         np.testing.assert_allclose(accumulator.moments[1, 4 - 1, 4 + 2], [1.0, 0.36, 0.0, 0.0], atol=1e-6)
 
 
-# --- nothing to match, and what is refused ------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("points", "normals", "options", "error", "words"),
-    [
-        (np.zeros((1, 3)), [X], {"weighting": 1}, OptionError, "'cosine', 'published' or 'one', got 1"),
-        (np.zeros((3, 5)), np.zeros((3, 5)), {}, ArrayError, r"`points_map` .*\(n, 3\), got \(3, 5\)\. Transpose it\?"),
-        (np.zeros((2, 3)), [X, [2.0, 0.0, 0.0]], {}, ArrayError, r"unit normals in `normals_map` .*length 2 in row 1"),
-    ],
-)
+# --- nothing to match, and what is refused ---
+@pytest.mark.parametrize(("points", "normals", "options", "error", "words"), [
+    (np.zeros((1, 3)), [X], {"weighting": 1}, OptionError, "'cosine', 'published' or 'one', got 1"),
+    (np.zeros((3, 5)), np.zeros((3, 5)), {}, ArrayError, r"`points_map` .*\(n, 3\), got \(3, 5\)\. Transpose it\?"),
+    (np.zeros((2, 3)), [X, [2.0, 0.0, 0.0]], {}, ArrayError, r"unit normals in `normals_map` .*length 2 in row 1"),
+])  # fmt: skip
 def test_what_pairs_refuse(points, normals, options, error, words):
     with pytest.raises(error, match=words):
         reference.pairs(Scan([[0.0, 0.0, 0.0]], [X]), points, normals, HERE, SMALL, threshold=CELL, **options)

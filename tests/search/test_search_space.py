@@ -13,6 +13,13 @@ from maxcon.errors import SearchSpaceError
 from maxcon.search.space import MOST_STEPS, _n_steps, rounded_up
 
 PRIOR = Pose(458_888.42, 5_429_081.54, 115.07, 0.02, -0.03, 3.1)
+VARIANCES = st.one_of(st.just(0.0), st.floats(1e-6, 400.0))
+ANGLE_VARIANCES = st.one_of(st.just(0.0), st.floats(1e-8, 0.5))
+FACTORS = st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9)
+STEPS = st.floats(0.05, 5.0)
+SMALLEST = {"smallest_half_width": 1.0, "smallest_heading_half_width_deg": 1.5, "largest_half_width": 24.0}
+LARGEST = {"largest_half_width": 3.0, "largest_heading_half_width_deg": 2.2}
+STEPPED = {"cell": 0.06, "heading_step_deg": 0.5}
 
 
 def test_the_papers_space_headings_alone_and_one_pose_alone():
@@ -62,38 +69,28 @@ def test_the_boundary_is_the_outermost_rows_and_columns_where_there_are_others(n
     space = SearchSpace(0.1 * n_steps, 0.1, 0.5, 0.5)
     _, ny, nx = space.shape
     at_boundary = {(y, x) for y in range(ny) for x in range(nx) if space.is_at_boundary((0, y, x))}
-    assert len(at_boundary) == n_at_boundary
-    assert all({y, x} & {0, 5} for y, x in at_boundary)
+    assert len(at_boundary) == n_at_boundary and all({y, x} & {0, 5} for y, x in at_boundary)
     assert [space.is_outermost(heading) for heading in range(3)] == [True, False, True]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((3.0, 0.07), r"half width of the offsets to be a multiple of its step, got 3.0 m and 0.07 m\. Take 3.01 m\?"),
-        ((3.0, 0.06, 2.0, 0.3), r"half width of the headings .*got 2.0 degrees and 0.3 degrees\. Take 2.1 degrees\?"),
-        ((-3.0, 0.06), r"half width >= 0 and a step > 0 for the offsets, got -3.0 m and 0.06 m"),
-        ((3.0, 0.0), r"a step > 0 for the offsets, got 3.0 m and 0.0 m"), ((3.0, -0.06), "a step > 0 for the offsets"),
-        ((3.0, math.nan), "a step > 0 for the offsets, got 3.0 m and nan m"),
-        ((math.inf, 0.06), "half width >= 0 .*got inf m"),
-        ((3.0, 0.06, math.nan, 0.5), "for the headings, got nan degrees"),
-        ((3.0, 0.06, 2.0, 0.0), "a step > 0 for the headings"), ((3.0, 0.06, 2.0, 0.5, 1.0), "1.02 m"),
-        ((3.0, 0.06, 2.0, 0.5, -0.06), ">= 0"), ((3.0, 0.06, 2.0, 0.5, math.inf), "inf"),
-        *(((value,), "half width >= 0 for the offsets") for value in (-1.0, math.nan, math.inf)),
-        *(((3.0, None, value), "half width >= 0 for the headings") for value in (-1.0, math.nan, math.inf)),
-        ((3000.0, 0.06, 180.0, 0.01), r"at most 68,719,476,736 cells .* got 3\.6e\+14: 36,001 headings of"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("arguments", "words"), [
+    ((3.0, 0.07), r"half width of the offsets to be a multiple of its step, got 3.0 m and 0.07 m\. Take 3.01 m\?"),
+    ((3.0, 0.06, 2.0, 0.3), r"half width of the headings .*got 2.0 degrees and 0.3 degrees\. Take 2.1 degrees\?"),
+    ((-3.0, 0.06), r"half width >= 0 and a step > 0 for the offsets, got -3.0 m and 0.06 m"),
+    ((3.0, 0.0), r"a step > 0 for the offsets, got 3.0 m and 0.0 m"), ((3.0, -0.06), "a step > 0 for the offsets"),
+    ((3.0, math.nan), "a step > 0 for the offsets, got 3.0 m and nan m"),
+    ((math.inf, 0.06), "half width >= 0 .*got inf m"),
+    ((3.0, 0.06, math.nan, 0.5), "for the headings, got nan degrees"),
+    ((3.0, 0.06, 2.0, 0.0), "a step > 0 for the headings"), ((3.0, 0.06, 2.0, 0.5, 1.0), "1.02 m"),
+    ((3.0, 0.06, 2.0, 0.5, -0.06), ">= 0"), ((3.0, 0.06, 2.0, 0.5, math.inf), "inf"),
+    *(((value,), "half width >= 0 for the offsets") for value in (-1.0, math.nan, math.inf)),
+    *(((3.0, None, value), "half width >= 0 for the headings") for value in (-1.0, math.nan, math.inf)),
+    ((3000.0, 0.06, 180.0, 0.01), r"at most 68,719,476,736 cells .* got 3\.6e\+14: 36,001 headings of"),
+])  # fmt: skip
 def test_what_is_refused(arguments, words):
     with pytest.raises(SearchSpaceError, match=words) as caught:
         SearchSpace(*arguments)
     assert isinstance(caught.value, MaxconError) and isinstance(caught.value, ValueError)
-
-
-VARIANCES = st.one_of(st.just(0.0), st.floats(1e-6, 400.0))
-ANGLE_VARIANCES = st.one_of(st.just(0.0), st.floats(1e-8, 0.5))
-FACTORS = st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9)
-STEPS = st.floats(0.05, 5.0)
 
 
 def _full(factors, variances):
@@ -139,29 +136,21 @@ def test_half_widths_of_a_covariance_are_rounded_up_and_no_wider(xx, yy, hh, k, 
     assert (space.heading_half_width_deg == 0.0) == (hh == 0.0)
 
 
-SMALLEST = {"smallest_half_width": 1.0, "smallest_heading_half_width_deg": 1.5, "largest_half_width": 24.0}
-LARGEST = {"largest_half_width": 3.0, "largest_heading_half_width_deg": 2.2}
-STEPPED = {"cell": 0.06, "heading_step_deg": 0.5}
-
-
-@pytest.mark.parametrize(
-    ("variances", "options", "half_width", "turn_deg"),
-    [
-        ([4e-4, 1e-4, 1e-6], SMALLEST, 1.0, 1.5),
-        ([0.25, 4.0, math.radians(1.0) ** 2], SMALLEST, 6.0, 3.0),
-        ([1e4, 1.0, 1e2], SMALLEST, 24.0, 180.0),
-        ([1.0, 1.0, 0.0], {"smallest_half_width": 9.0, "largest_half_width": 2.0}, 2.0, 0.0),
-        ([4.0, 1.0, 0.01], LARGEST, 3.0, 2.2),
-        ([4.0, 1.0, 0.01], {**LARGEST, **STEPPED}, 3.0, 2.0),
-        ([4.0, 1.0, 0.01], {"largest_half_width": 0.0, "largest_heading_half_width_deg": 0.1, **STEPPED}, 0.0, 0.0),
-        ([4.0, 1.0, 0.01], {"largest_half_width": 100.0, "largest_heading_half_width_deg": 100.0}, 6.0, 17.188734),
-        ([1e12, 1.0, 0.0], {"largest_half_width": 3.0}, 3.0, 0.0),
-        *(  # whole steps do not reach beyond a limit that is none of them
-            ([0.0, 0.0, 100.0], {"heading_step_deg": step, "largest_heading_half_width_deg": 180.0}, 0.0, turn)
-            for step, turn in ((0.7, 179.9), (0.5, 180.0), (7.0, 175.0), (400.0, 0.0))
-        ),
-    ],
-)
+@pytest.mark.parametrize(("variances", "options", "half_width", "turn_deg"), [
+    ([4e-4, 1e-4, 1e-6], SMALLEST, 1.0, 1.5),
+    ([0.25, 4.0, math.radians(1.0) ** 2], SMALLEST, 6.0, 3.0),
+    ([1e4, 1.0, 1e2], SMALLEST, 24.0, 180.0),
+    ([1.0, 1.0, 0.0], {"smallest_half_width": 9.0, "largest_half_width": 2.0}, 2.0, 0.0),
+    ([4.0, 1.0, 0.01], LARGEST, 3.0, 2.2),
+    ([4.0, 1.0, 0.01], {**LARGEST, **STEPPED}, 3.0, 2.0),
+    ([4.0, 1.0, 0.01], {"largest_half_width": 0.0, "largest_heading_half_width_deg": 0.1, **STEPPED}, 0.0, 0.0),
+    ([4.0, 1.0, 0.01], {"largest_half_width": 100.0, "largest_heading_half_width_deg": 100.0}, 6.0, 17.188734),
+    ([1e12, 1.0, 0.0], {"largest_half_width": 3.0}, 3.0, 0.0),
+    *(  # whole steps do not reach beyond a limit that is none of them
+        ([0.0, 0.0, 100.0], {"heading_step_deg": step, "largest_heading_half_width_deg": 180.0}, 0.0, turn)
+        for step, turn in ((0.7, 179.9), (0.5, 180.0), (7.0, 175.0), (400.0, 0.0))
+    ),
+])  # fmt: skip
 def test_a_space_of_a_covariance_lies_between_the_smallest_and_the_largest(variances, options, half_width, turn_deg):
     space = SearchSpace.from_covariance(np.diag(variances), **options)
     assert (space.half_width, space.heading_half_width_deg) == (pytest.approx(half_width), pytest.approx(turn_deg))
@@ -200,34 +189,28 @@ def test_a_covariance_printed_with_few_digits_is_taken():
     assert SearchSpace.from_covariance(printed) == SearchSpace.from_covariance(np.diag(np.diag(printed)))
 
 
-@pytest.mark.parametrize(
-    ("covariance", "words"),
-    [
-        (np.eye(2), r"shape \(3, 3\), got \(2, 2\)\. Take its rows"),
-        ("exact", r"numbers of shape \(3, 3\)"),
-        (np.diag([1.0, np.nan, 0.1]), "finite, symmetric and positive semidefinite, got .*nan"),
-        ([[1.0, 0.0, 2e-3], [0.0, 1.0, 0.0], [2e-3, 0.0, 1e-6]], "positive semidefinite"),
-    ],
-)
+@pytest.mark.parametrize(("covariance", "words"), [
+    (np.eye(2), r"shape \(3, 3\), got \(2, 2\)\. Take its rows"),
+    ("exact", r"numbers of shape \(3, 3\)"),
+    (np.diag([1.0, np.nan, 0.1]), "finite, symmetric and positive semidefinite, got .*nan"),
+    ([[1.0, 0.0, 2e-3], [0.0, 1.0, 0.0], [2e-3, 0.0, 1e-6]], "positive semidefinite"),
+])  # fmt: skip
 def test_covariances_that_are_none(covariance, words):
     with pytest.raises(SearchSpaceError, match=words):
         SearchSpace.from_covariance(covariance)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"k": 0.0}, "`k` > 0 standard deviations, got 0.0. The default is 3"),
-        ({"k": math.inf}, "`k` > 0"),
-        ({"cell": 0.0}, "a step > 0 for the offsets, got 0.0 m and 0.0 m"),
-        ({"heading_step_deg": -1.0}, "a step > 0 for the headings"),
-        ({"smallest_half_width": math.inf}, "`smallest_half_width` >= 0, got inf"),
-        ({"largest_half_width": -1.0}, "`largest_half_width` >= 0, got -1.0"),
-        ({"largest_heading_half_width_deg": math.nan}, "`largest_heading_half_width_deg` >= 0, got nan"),
-        ({"k": 1e5, "cell": 0.06}, "at most 100,000 cells in the half width of the offsets, got 100000 m"),
-        ({"heading_step_deg": 1e-6}, "at most 100,000 cells in the half width of the headings"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ({"k": 0.0}, "`k` > 0 standard deviations, got 0.0. The default is 3"),
+    ({"k": math.inf}, "`k` > 0"),
+    ({"cell": 0.0}, "a step > 0 for the offsets, got 0.0 m and 0.0 m"),
+    ({"heading_step_deg": -1.0}, "a step > 0 for the headings"),
+    ({"smallest_half_width": math.inf}, "`smallest_half_width` >= 0, got inf"),
+    ({"largest_half_width": -1.0}, "`largest_half_width` >= 0, got -1.0"),
+    ({"largest_heading_half_width_deg": math.nan}, "`largest_heading_half_width_deg` >= 0, got nan"),
+    ({"k": 1e5, "cell": 0.06}, "at most 100,000 cells in the half width of the offsets, got 100000 m"),
+    ({"heading_step_deg": 1e-6}, "at most 100,000 cells in the half width of the headings"),
+])  # fmt: skip
 def test_numbers_that_make_no_space_of_a_covariance(options, words):
     with pytest.raises(SearchSpaceError, match=words):
         SearchSpace.from_covariance(np.diag([1.0, 1.0, 0.01]), **options)
@@ -237,8 +220,7 @@ def test_heights_lie_around_the_prior_in_whole_cells():
     space = SearchSpace(3.0, 0.06, 2.0, height_half_width=0.18)
     assert space.n_heights == 7
     np.testing.assert_allclose(space.heights, [-0.18, -0.12, -0.06, 0.0, 0.06, 0.12, 0.18])
-    assert space.shape == SearchSpace.paper().shape
-    assert space.n_cells == 7 * 90_000
+    assert space.shape == SearchSpace.paper().shape and space.n_cells == 7 * 90_000
     assert space.plane == SearchSpace.paper()
     assert [pose.z for pose in space.priors(PRIOR)] == (PRIOR.z + space.heights).tolist()
     raised = space.raised(PRIOR, 5)
@@ -246,9 +228,7 @@ def test_heights_lie_around_the_prior_in_whole_cells():
     assert (raised.x, raised.roll, raised.heading) == (PRIOR.x, PRIOR.roll, PRIOR.heading)
 
 
-# --- open spaces ------------------------------------------------------------------------------------------
-
-
+# --- open spaces ---
 def test_an_open_space_has_no_cells_before_it_is_given_some_and_what_is_given_is_obeyed():
     space = SearchSpace()
     assert (space.half_width, space.heading_half_width_deg, space.is_open) == (12.0, 10.0, True)
@@ -257,8 +237,7 @@ def test_an_open_space_has_no_cells_before_it_is_given_some_and_what_is_given_is
             getattr(space, ask)
     assert SearchSpace(3.0, 0.12, 2.0) == SearchSpace(3.0, 0.12, 2.0, 0.5)
     stepped = SearchSpace(3.0, heading_half_width_deg=2.0, heading_step_deg=0.25)
-    assert not stepped.is_open
-    assert stepped.at(0.06) == SearchSpace(3.0, 0.06, 2.0, 0.25)
+    assert not stepped.is_open and stepped.at(0.06) == SearchSpace(3.0, 0.06, 2.0, 0.25)
     assert SearchSpace.paper() == SearchSpace(3.0, 0.06, 2.0, 0.5)
 
 
@@ -271,45 +250,31 @@ def test_cells_hold_the_half_widths_of_an_open_space(half_width, turn_deg, cell,
     assert space.at(1.0, 1.0) == space
 
 
-# --- rounding to whole steps ----------------------------------------------------------------------------------
+# --- rounding to whole steps ---
+def test_a_millionth_is_forgiven_of_a_step_or_of_all_of_them_and_no_more():
+    all_but, beyond = 50_000.0 * (1.0 + 0.9e-6), 50_000.0 * (1.0 + 1.1e-6)
+    for half_width, n in ((0.0, 0), (0.9e-6, 0), (1.0 + 0.9e-6, 1), (all_but, 50_000), (1.0 * MOST_STEPS, MOST_STEPS)):
+        assert _n_steps(half_width, 1.0, "offsets", "m") == n
+    for half_width in (1.1e-6, 1.0 + 1.1e-6, beyond, 0.5):
+        with pytest.raises(SearchSpaceError, match="a multiple of its step"):
+            _n_steps(half_width, 1.0, "offsets", "m")
+    with pytest.raises(SearchSpaceError, match="at most 100,000 cells in the half width of the offsets"):
+        _n_steps(MOST_STEPS + 1.0, 1.0, "offsets", "m")
 
 
-@pytest.mark.parametrize(
-    ("half_width", "n"),
-    [(0.0, 0), (0.9e-6, 0), (1.0 + 0.9e-6, 1), (50_000.0 * (1.0 + 0.9e-6), 50_000), (1.0 * MOST_STEPS, MOST_STEPS)],
-)  # fmt: skip
-def test_a_millionth_is_forgiven_of_a_step_or_of_all_of_them(half_width, n):
-    assert _n_steps(half_width, 1.0, "offsets", "m") == n
-
-
-@pytest.mark.parametrize(
-    ("half_width", "words"),
-    [
-        *((width, "a multiple of its step") for width in (1.1e-6, 1.0 + 1.1e-6, 50_000.0 * (1.0 + 1.1e-6), 0.5)),
-        (MOST_STEPS + 1.0, "at most 100,000 cells in the half width of the offsets"),
-    ],
-)
-def test_more_is_not_forgiven(half_width, words):
-    with pytest.raises(SearchSpaceError, match=words):
-        _n_steps(half_width, 1.0, "offsets", "m")
-
-
-@pytest.mark.parametrize(
-    ("reach", "options", "held"),
-    [
-        (0.0, {}, 0.0),
-        (1.0, {}, 1.0),
-        (1.0 + 0.9e-9, {}, 1.0),
-        (1.0 + 1.5e-9, {}, 2.0),
-        (50_000.0 * (1.0 + 0.5e-9), {}, 50_000.0),
-        (50_000.0 * (1.0 + 1.5e-9), {}, 50_001.0),
-        (1.0, {"margin": 0.5}, 2.0),
-        (0.0, {"margin": 0.5}, 0.0),
-        (MOST_STEPS - 0.5, {"margin": 0.5}, MOST_STEPS),
-        (2.5 * MOST_STEPS, {}, 2.5 * MOST_STEPS),  # too many steps: left for the space to refuse
-        (2.5 * MOST_STEPS, {"largest": 1.5 * MOST_STEPS}, 1.5 * MOST_STEPS),
-        (2.5 * MOST_STEPS, {"largest": 10.5}, 10.0),
-    ],
-)
+@pytest.mark.parametrize(("reach", "options", "held"), [
+    (0.0, {}, 0.0),
+    (1.0, {}, 1.0),
+    (1.0 + 0.9e-9, {}, 1.0),
+    (1.0 + 1.5e-9, {}, 2.0),
+    (50_000.0 * (1.0 + 0.5e-9), {}, 50_000.0),
+    (50_000.0 * (1.0 + 1.5e-9), {}, 50_001.0),
+    (1.0, {"margin": 0.5}, 2.0),
+    (0.0, {"margin": 0.5}, 0.0),
+    (MOST_STEPS - 0.5, {"margin": 0.5}, MOST_STEPS),
+    (2.5 * MOST_STEPS, {}, 2.5 * MOST_STEPS),  # too many steps: left for the space to refuse
+    (2.5 * MOST_STEPS, {"largest": 1.5 * MOST_STEPS}, 1.5 * MOST_STEPS),
+    (2.5 * MOST_STEPS, {"largest": 10.5}, 10.0),
+])  # fmt: skip
 def test_what_is_reached_is_held_up_to_a_billionth(reach, options, held):
     assert rounded_up(reach, 1.0, **options) == held

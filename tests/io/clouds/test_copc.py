@@ -73,15 +73,12 @@ def _other(position, value):
     return twist
 
 
-@pytest.mark.parametrize(
-    "twist",
-    [
-        _other(4, 10), _other(4, 2**40), _other(5, 7), _other(6, 1), _other(0, 31), _other(0, -1),
-        lambda entries: entries[1:], lambda entries: [*entries, entries[0]],
-        lambda entries: [*entries[:-1], (0, 0, 0, 0, 2**62, 32, -1)],
-        lambda entries: [*entries, (0, 0, 0, 0, entries[0][4], -32, -1)],
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("twist", [
+    _other(4, 10), _other(4, 2**40), _other(5, 7), _other(6, 1), _other(0, 31), _other(0, -1),
+    lambda entries: entries[1:], lambda entries: [*entries, entries[0]],
+    lambda entries: [*entries[:-1], (0, 0, 0, 0, 2**62, 32, -1)],
+    lambda entries: [*entries, (0, 0, 0, 0, entries[0][4], -32, -1)],
+])  # fmt: skip
 def test_an_octree_that_does_not_fit_is_refused(tmp_path, cloud, twist):
     path = write_copc(tmp_path / "b.copc.laz", cloud[1], twist=twist)
     assert len(points_of(path)) == N_POINTS  # without an area it is not looked at

@@ -52,34 +52,28 @@ def test_any_type_of_number_reads_back(points, max_points):
         np.testing.assert_array_equal(read_cloud(saved(Path(folder), points=points), max_points).points, points)
 
 
-@pytest.mark.parametrize(
-    ("arrays", "words"),
-    [
-        ({"arr_0": POINTS}, r"numpy\.savez\(path, points=\.\.\.\).*no array `points` among arr_0"),
-        ({"points": POINTS.T}, r"`points` of shape \(3, 7\), not \(n, 3\)"),
-        ({"points": POINTS[:0]}, "0 of `points`"),
-        ({"points": POINTS, "normals": POINTS[:3]}, "not one per point: 7 of `points`, 3 of `normals`"),
-        ({"points": POINTS, "classes": np.zeros((7, 1))}, r"`classes` of shape \(7, 1\), not \(n,\)"),
-        ({"points": POINTS, "classes": np.full(7, 300)}, "300 as a class, which is no code from 0 to 255"),
-        ({"points": POINTS.astype(complex)}, "`points` of complex128"),
-        ({"points": np.array([[1, 2, None]], dtype=object)}, "`points` of object"),
-    ],
-)
+@pytest.mark.parametrize(("arrays", "words"), [
+    ({"arr_0": POINTS}, r"numpy\.savez\(path, points=\.\.\.\).*no array `points` among arr_0"),
+    ({"points": POINTS.T}, r"`points` of shape \(3, 7\), not \(n, 3\)"),
+    ({"points": POINTS[:0]}, "0 of `points`"),
+    ({"points": POINTS, "normals": POINTS[:3]}, "not one per point: 7 of `points`, 3 of `normals`"),
+    ({"points": POINTS, "classes": np.zeros((7, 1))}, r"`classes` of shape \(7, 1\), not \(n,\)"),
+    ({"points": POINTS, "classes": np.full(7, 300)}, "300 as a class, which is no code from 0 to 255"),
+    ({"points": POINTS.astype(complex)}, "`points` of complex128"),
+    ({"points": np.array([[1, 2, None]], dtype=object)}, "`points` of object"),
+])  # fmt: skip
 def test_arrays_that_cannot_be_used_are_refused(tmp_path, arrays, words):
     with pytest.raises(FileError, match=words):
         read_cloud(saved(tmp_path, **arrays))
 
 
-@pytest.mark.parametrize(
-    ("content", "compression", "words"),
-    [
-        (npy(POINTS, shape=(8, 3)), zipfile.ZIP_STORED, "buffer is too small"),
-        (npy(POINTS, shape=(2**60, 3)), zipfile.ZIP_STORED, r"a\.npz"),
-        (npy(POINTS, shape=(-1, 3)), zipfile.ZIP_STORED, "negative dimensions"),
-        (b"\x93NUMPY\x09\x00" + bytes(100), zipfile.ZIP_STORED, r"a\.npz"),
-        (npy(np.zeros((800_000, 3))), zipfile.ZIP_DEFLATED, "unpack to .* times their size, not at most 100"),
-    ],
-)
+@pytest.mark.parametrize(("content", "compression", "words"), [
+    (npy(POINTS, shape=(8, 3)), zipfile.ZIP_STORED, "buffer is too small"),
+    (npy(POINTS, shape=(2**60, 3)), zipfile.ZIP_STORED, r"a\.npz"),
+    (npy(POINTS, shape=(-1, 3)), zipfile.ZIP_STORED, "negative dimensions"),
+    (b"\x93NUMPY\x09\x00" + bytes(100), zipfile.ZIP_STORED, r"a\.npz"),
+    (npy(np.zeros((800_000, 3))), zipfile.ZIP_DEFLATED, "unpack to .* times their size, not at most 100"),
+])  # fmt: skip
 def test_what_an_archive_claims_is_held_against_its_bytes(tmp_path, content, compression, words):
     with zipfile.ZipFile(tmp_path / "a.npz", "w", compression) as stream:
         stream.writestr("points.npy", content)

@@ -74,21 +74,18 @@ def test_lines_that_a_header_may_leave_out(tmp_path):
     assert len(read(tmp_path, whole[:start] + whole[whole.index(b"\n", start) + 1 :])) == 50
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"FIELDS": "x y i"}, "one field 'z' of numbers among x"), ({"COUNT": "2 1 1"}, "one field 'x'"),
-        ({"COUNT": "0 1 1"}, "of different lengths"), ({"COUNT": "1 1 99999999999"}, "of different lengths"),
-        ({"SIZE": "4 4"}, "of different lengths"), ({"SIZE": "4 4 3"}, "types other than F, U, I"),
-        ({"POINTS": "3"}, "3 points, WIDTH 2 and HEIGHT 1"), ({"POINTS": "0", "WIDTH": "0"}, "got: 0 points"),
-        ({"POINTS": "1e3"}, "whole numbers as POINTS.*'1e3'"),
-        ({"DATA": "zip"}, "DATA 'zip', not ascii, binary, binary_compressed"),
-        ({"COLOUR": "red", "DATA": None}, "header line 'COLOUR', not VERSION"),
-        ({"DATA": "binary", "POINTS": "900", "WIDTH": "900"}, "bytes of points, not 10800: truncated"),
-        ({"DATA": "binary_compressed"}, "points of 24 bytes"),
-        ({"POINTS": "3", "WIDTH": "3"}, "1 rows of numbers fewer: truncated"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"FIELDS": "x y i"}, "one field 'z' of numbers among x"), ({"COUNT": "2 1 1"}, "one field 'x'"),
+    ({"COUNT": "0 1 1"}, "of different lengths"), ({"COUNT": "1 1 99999999999"}, "of different lengths"),
+    ({"SIZE": "4 4"}, "of different lengths"), ({"SIZE": "4 4 3"}, "types other than F, U, I"),
+    ({"POINTS": "3"}, "3 points, WIDTH 2 and HEIGHT 1"), ({"POINTS": "0", "WIDTH": "0"}, "got: 0 points"),
+    ({"POINTS": "1e3"}, "whole numbers as POINTS.*'1e3'"),
+    ({"DATA": "zip"}, "DATA 'zip', not ascii, binary, binary_compressed"),
+    ({"COLOUR": "red", "DATA": None}, "header line 'COLOUR', not VERSION"),
+    ({"DATA": "binary", "POINTS": "900", "WIDTH": "900"}, "bytes of points, not 10800: truncated"),
+    ({"DATA": "binary_compressed"}, "points of 24 bytes"),
+    ({"POINTS": "3", "WIDTH": "3"}, "1 rows of numbers fewer: truncated"),
+])  # fmt: skip
 def test_headers_that_cannot_be_are_refused(tmp_path, changes, words):
     with pytest.raises(FileError, match=rf"a\.pcd.*{words}"):
         read(tmp_path, header(**changes) + "1.00 2.00 3.00\n4.00 5.00 6.00\n")

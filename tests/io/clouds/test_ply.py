@@ -13,6 +13,9 @@ from maxcon.io.clouds.records import ORDERS, TYPES
 from read_clouds import POINTS, assert_all_there, read_cloud
 
 ENCODINGS = ORDERS | {"ascii": "="}
+XYZ = [("double", "x"), ("double", "y"), ("double", "z")]
+HEAD = "ply\nformat ascii 1.0\n"
+THREE = "property float x\nproperty float y\nproperty float z\n"
 
 
 def ply(encoding, properties, columns, before="", after="", body_before=b"", body_after=b"", end="\n"):
@@ -39,9 +42,6 @@ def read_bytes(tmp_path, content, max_points=1_000_000):
     path = tmp_path / "a.ply"
     path.write_bytes(content)
     return read_cloud(path, max_points)
-
-
-XYZ = [("double", "x"), ("double", "y"), ("double", "z")]
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -77,13 +77,10 @@ def test_any_float64_reads_back_also_nan_and_infinity(encoding, rows, max_points
     np.testing.assert_array_equal(cloud.points, points)
 
 
-@pytest.mark.parametrize(
-    ("name", "what"),
-    [
-        *((name, "classes") for name in ("classification", "class", "label", "scalar_Classification")),
-        *((name, "times") for name in ("gps_time", "time", "scalar_GpsTime")),
-    ],
-)
+@pytest.mark.parametrize(("name", "what"), [
+    *((name, "classes") for name in ("classification", "class", "label", "scalar_Classification")),
+    *((name, "times") for name in ("gps_time", "time", "scalar_GpsTime")),
+])  # fmt: skip
 def test_names_of_classes_and_times(tmp_path, name, what):
     cloud = read_bytes(tmp_path, ply("binary_big_endian", [*XYZ, ("float", name)], [*POINTS.T, np.arange(7)]))
     np.testing.assert_array_equal(getattr(cloud, what), np.arange(7))
@@ -107,30 +104,23 @@ def test_other_elements_are_passed_over_but_for_lists_up_to_the_vertices(tmp_pat
             read_bytes(tmp_path, content)
 
 
-HEAD = "ply\nformat ascii 1.0\n"
-THREE = "property float x\nproperty float y\nproperty float z\n"
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("plx\n", "instead of the line 'ply'"),
-        ("ply\nformat ascii 1.0\nelement vertex 1\n", "ends with 'end_header'"),
-        ("ply\n" + "comment\n" * 40_000, "ends with 'end_header'"),
-        ("ply\nelement vertex 1\nproperty float x\nend_header\n", "no header line 'format"),
-        ("ply\nformat binary_middle_endian 1.0\nend_header\n", "the header line 'format binary_middle"),
-        (HEAD + "end_header\n", "no element 'vertex' among none"),
-        (HEAD + "element vertex 0\nproperty float x\nend_header\n", "0 vertices in"),
-        (HEAD + "element vertex 1\n" + THREE[:34] + "end_header\n1 2\n", "not one field 'z' of numbers"),
-        (HEAD + "element vertex 1\n" + "property float x\n" * 2 + "end_header\n1 2\n", "not one field 'x' of numbers"),
-        (HEAD + "element vertex 99999999999\n" + THREE + "end_header\n1\n", "99999999999 vertices in .*truncated"),
-        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3\n4.000 5\n", "number of columns changed"),
-        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3 4\n4 5 6 7\n", "4 numbers in a row, not 3"),
-        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3\n4 five 6\n", "five"),
-        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3 \n\n \n\n\n\n", "1 rows of numbers fewer"),
-        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3\n" + "4" * 200_000 + "\n", "over 100000 characters"),
-    ],
-)
+@pytest.mark.parametrize(("content", "words"), [
+    ("plx\n", "instead of the line 'ply'"),
+    ("ply\nformat ascii 1.0\nelement vertex 1\n", "ends with 'end_header'"),
+    ("ply\n" + "comment\n" * 40_000, "ends with 'end_header'"),
+    ("ply\nelement vertex 1\nproperty float x\nend_header\n", "no header line 'format"),
+    ("ply\nformat binary_middle_endian 1.0\nend_header\n", "the header line 'format binary_middle"),
+    (HEAD + "end_header\n", "no element 'vertex' among none"),
+    (HEAD + "element vertex 0\nproperty float x\nend_header\n", "0 vertices in"),
+    (HEAD + "element vertex 1\n" + THREE[:34] + "end_header\n1 2\n", "not one field 'z' of numbers"),
+    (HEAD + "element vertex 1\n" + "property float x\n" * 2 + "end_header\n1 2\n", "not one field 'x' of numbers"),
+    (HEAD + "element vertex 99999999999\n" + THREE + "end_header\n1\n", "99999999999 vertices in .*truncated"),
+    (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3\n4.000 5\n", "number of columns changed"),
+    (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3 4\n4 5 6 7\n", "4 numbers in a row, not 3"),
+    (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3\n4 five 6\n", "five"),
+    (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3 \n\n \n\n\n\n", "1 rows of numbers fewer"),
+    (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3\n" + "4" * 200_000 + "\n", "over 100000 characters"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused(tmp_path, content, words):
     with pytest.raises(FileError, match=rf"a\.ply to be a PLY file of points, complete, got: .*{words}"):
         read_bytes(tmp_path, content.encode())

@@ -34,32 +34,26 @@ def test_columns_by_name_or_the_first_three(tmp_path, name, separator, header):
         assert (cloud.classes.tolist(), cloud.times.tolist()) == ([2, 6, 6], [7.5, 8.5, 9.0])
 
 
-@pytest.mark.parametrize(
-    ("lines", "points"),
-    [
-        (["intensity,northing,easting,height", "9,2,1,3"], [[1, 2, 3]]),
-        (["2", "# made by hand", "1 2 3 0.5", "# and", "4 5 6 0.5"], [[1, 2, 3], [4, 5, 6]]),
-        (["1 2 3", "4 5 6"], [[1, 2, 3], [4, 5, 6]]),
-        (["x;y;z", "1;2;3"], [[1, 2, 3]]),
-    ],
-)
+@pytest.mark.parametrize(("lines", "points"), [
+    (["intensity,northing,easting,height", "9,2,1,3"], [[1, 2, 3]]),
+    (["2", "# made by hand", "1 2 3 0.5", "# and", "4 5 6 0.5"], [[1, 2, 3], [4, 5, 6]]),
+    (["1 2 3", "4 5 6"], [[1, 2, 3], [4, 5, 6]]),
+    (["x;y;z", "1;2;3"], [[1, 2, 3]]),
+])  # fmt: skip
 @pytest.mark.parametrize("mark", ["", "\ufeff"])
 def test_headers_counts_comments_and_a_byte_order_mark(tmp_path, lines, points, mark):
     """A file without a header that began with a byte order mark was refused."""
     np.testing.assert_array_equal(read_cloud(_write(tmp_path, [mark + lines[0], *lines[1:]])).points, points)
 
 
-@pytest.mark.parametrize(
-    ("lines", "words"),
-    [
-        (["1 2"], "2 numbers per point, not 3"), (["x,y,z"], "x, y, z in each line"),
-        (["a,b,c", "1,2,3"], "not one column 'x'"), (["x,y,z,z", "1,2,3,4"], "more than one column 'z'"),
-        (["x,y,z,a", "1,2,3"], "3 numbers per point, not 4"), (["1,2,3", "1,2,x"], "could not convert"),
-        (["1,2,3", "1,2,3,4"], "number of columns changed"), (["hello world", "this is text"], "no such line"),
-        (["1 " * 50_001], "a line of over"), (["x y z class", "1 2 3 900"], "900 as a class"),
-        ([bytes(range(256)).decode("latin-1") * 400], "no such line"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("lines", "words"), [
+    (["1 2"], "2 numbers per point, not 3"), (["x,y,z"], "x, y, z in each line"),
+    (["a,b,c", "1,2,3"], "not one column 'x'"), (["x,y,z,z", "1,2,3,4"], "more than one column 'z'"),
+    (["x,y,z,a", "1,2,3"], "3 numbers per point, not 4"), (["1,2,3", "1,2,x"], "could not convert"),
+    (["1,2,3", "1,2,3,4"], "number of columns changed"), (["hello world", "this is text"], "no such line"),
+    (["1 " * 50_001], "a line of over"), (["x y z class", "1 2 3 900"], "900 as a class"),
+    ([bytes(range(256)).decode("latin-1") * 400], "no such line"),
+])  # fmt: skip
 def test_what_is_no_cloud_is_refused(tmp_path, lines, words):
     with pytest.raises(FileError, match=rf"a\.xyz to be points as text.*{words}") as error:
         read_cloud(_write(tmp_path, lines))

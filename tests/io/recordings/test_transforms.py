@@ -20,6 +20,10 @@ pytest.importorskip("mcap")
 T_base_gnss = Pose(-0.4, 0.3, 1.6, 0.0, 0.0, 0.0)
 T_base_imu = Pose(0.2, 0.0, 0.5, 0.0, 0.0, math.pi / 2)
 T_base_lidar = Pose(1.1, 0.0, 1.9, 0.01, 0.04, -0.3)
+STATIC = transforms(
+    1.0, ("base_link", "gnss", T_base_gnss), ("base_link", "imu", T_base_imu), ("base_link", "/lidar", T_base_lidar),
+    topic="/tf_static",
+)  # fmt: skip
 
 
 def odom(time):
@@ -30,12 +34,6 @@ def odom(time):
 def base(time):
     """T_odom_base at a time: a bend."""
     return Pose(8.0 * time, 0.2 * time, 0.0, 0.01, -0.02, 0.1 * time)
-
-
-STATIC = transforms(
-    1.0, ("base_link", "gnss", T_base_gnss), ("base_link", "imu", T_base_imu), ("base_link", "/lidar", T_base_lidar),
-    topic="/tf_static",
-)  # fmt: skip
 
 
 def drive(n=101):

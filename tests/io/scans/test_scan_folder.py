@@ -59,18 +59,15 @@ def test_every_kind_of_file_gives_the_same_points(tmp_path):
         np.testing.assert_allclose(scans.read(0, 0.0, 200.0).points, points, atol=1e-9, err_msg=name)
 
 
-@pytest.mark.parametrize(
-    ("names", "times"),
-    [
-        (["2.bin", "10.bin", "1.bin"], [1, 2, 10]),
-        (["000010.bin", "000011.bin"], [10, 11]),
-        (["1.5.bin", "1.25.bin", "2.bin"], [1.25, 1.5, 2]),
-        (["1700000000.100000.bin", "1700000000.05.bin"], [1700000000.05, 1700000000.1]),
-        (["1700000000050000000.bin", "1700000000150000000.bin"], [1700000000.05, 1700000000.15]),
-        (["1700000000050000.bin", "1700000000150000.bin"], [1700000000.05, 1700000000.15]),
-        (["1700000000050.bin", "1700000000150.bin"], [1700000000.05, 1700000000.15]),
-    ],
-)
+@pytest.mark.parametrize(("names", "times"), [
+    (["2.bin", "10.bin", "1.bin"], [1, 2, 10]),
+    (["000010.bin", "000011.bin"], [10, 11]),
+    (["1.5.bin", "1.25.bin", "2.bin"], [1.25, 1.5, 2]),
+    (["1700000000.100000.bin", "1700000000.05.bin"], [1700000000.05, 1700000000.1]),
+    (["1700000000050000000.bin", "1700000000150000000.bin"], [1700000000.05, 1700000000.15]),
+    (["1700000000050000.bin", "1700000000150000.bin"], [1700000000.05, 1700000000.15]),
+    (["1700000000050.bin", "1700000000150.bin"], [1700000000.05, 1700000000.15]),
+])  # fmt: skip
 def test_times_from_names(fill, names, times):
     np.testing.assert_allclose(open_scans(fill(*names)).times, times, rtol=0, atol=1e-6)
 
@@ -87,20 +84,17 @@ def test_times_from_the_file_beside_the_scans(fill, tmp_path):
     np.testing.assert_array_equal(open_scans(folder, tmp_path / "other.txt").times, [1, 2, 3])
 
 
-@pytest.mark.parametrize(
-    ("names", "times", "words"),
-    [
-        (["scan_1.bin"], None, r"a time as the name of each scan, or a times\.txt .*got scan_1\.bin.*Write a times"),
-        (["1.bin", "1.0.bin"], None, r"names of increasing times of the same unit .*got .*1\.0\.bin"),
-        (["999999999999.bin", "1000000000000.bin"], None, "of the same unit"),
-        ([], None, r"scans of one kind \(\.bin, \.pcd, \.las, \.laz, \.ply, \.npz\) in .*got none"),
-        (["1.bin", "2.pcd"], None, r"scans of one kind .*got \.bin, \.pcd"),
-        (["1.bin", "2.bin"], "1\n2\n3\n", "Expected 2 times in .*got 3"),
-        (["1.bin", "2.bin"], "1\n1\n", r"times\.txt, line 2: Expected one .*, later than the one before, got '1'"),
-        (["1.bin", "2.bin"], "1\nx\n", r"times\.txt, line 2: Expected one time in seconds, .*got 'x'"),
-        (["1.bin", "2.bin"], "nan\n2\n", "line 1: Expected one time in seconds, .*got 'nan'"),
-    ],
-)
+@pytest.mark.parametrize(("names", "times", "words"), [
+    (["scan_1.bin"], None, r"a time as the name of each scan, or a times\.txt .*got scan_1\.bin.*Write a times"),
+    (["1.bin", "1.0.bin"], None, r"names of increasing times of the same unit .*got .*1\.0\.bin"),
+    (["999999999999.bin", "1000000000000.bin"], None, "of the same unit"),
+    ([], None, r"scans of one kind \(\.bin, \.pcd, \.las, \.laz, \.ply, \.npz\) in .*got none"),
+    (["1.bin", "2.pcd"], None, r"scans of one kind .*got \.bin, \.pcd"),
+    (["1.bin", "2.bin"], "1\n2\n3\n", "Expected 2 times in .*got 3"),
+    (["1.bin", "2.bin"], "1\n1\n", r"times\.txt, line 2: Expected one .*, later than the one before, got '1'"),
+    (["1.bin", "2.bin"], "1\nx\n", r"times\.txt, line 2: Expected one time in seconds, .*got 'x'"),
+    (["1.bin", "2.bin"], "nan\n2\n", "line 1: Expected one time in seconds, .*got 'nan'"),
+])  # fmt: skip
 def test_folders_that_cannot_be_read_are_refused(fill, names, times, words):
     folder = fill(*names)
     if times is not None:

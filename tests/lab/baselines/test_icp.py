@@ -15,8 +15,7 @@ from maxcon.search.accumulator import turn
 def test_point_to_point_at_a_corner():
     corner = Street().wall((12.0, -8.0), (12.0, 7.0), (-9.0, 7.0))
     estimate = Icp("point").localize(corner.scan(), corner.point_map, corner.prior(0.3, 0.2, 0.5))
-    assert estimate.is_localized
-    assert corner.distance(estimate.pose) < 0.03
+    assert estimate.is_localized and corner.distance(estimate.pose) < 0.03
     np.testing.assert_allclose(estimate.cofactor, np.eye(2) / estimate.score)
 
 
@@ -42,8 +41,7 @@ def test_without_normals_there_are_no_planes_and_without_sides_the_answer_is_the
     flipped = normals * np.random.default_rng(0).choice([-1.0, 1.0], (len(normals), 1))
     unsigned = PointMap.from_points(centres, flipped, street_map.cell, is_signed=False)
     estimate = Icp().localize(street_scan, unsigned, street.prior(0.4, 0.2))
-    assert estimate.is_localized
-    assert street.distance(estimate.pose) < 0.003
+    assert estimate.is_localized and street.distance(estimate.pose) < 0.003
 
 
 def test_the_heading_turns_about_the_sensor():
@@ -65,10 +63,8 @@ def test_the_gate_decides_whether_a_far_wall_is_seen(method, step):
     dead_end = Street().facades(length=30.0).wall((14.0, -6.0), (14.0, 6.0))
     scan, point_map, start = dead_end.scan(step=step), dead_end.point_map, dead_end.prior(along=-2.0)
     narrow, wide = (replace(method, gate=gate).localize(scan, point_map, start) for gate in (1.0, 3.0))
-    assert dead_end.distance(narrow.pose) > 1.0
-    assert wide.is_localized
-    assert dead_end.distance(wide.pose) < 0.05
-    assert narrow.share < 0.9 < wide.share
+    assert dead_end.distance(narrow.pose) > 1.0 and wide.is_localized
+    assert dead_end.distance(wide.pose) < 0.05 and narrow.share < 0.9 < wide.share
 
 
 def test_a_periodic_facade_traps_it_one_period_off():
@@ -76,8 +72,7 @@ def test_a_periodic_facade_traps_it_one_period_off():
     estimate = Icp(gate=1.0).localize(periodic.scan(), periodic.point_map, periodic.prior(along=2.2))
     along, across = periodic.error(estimate.pose)
     assert estimate.is_localized  # and wrong: it cannot know
-    assert abs(along - 3.0) < 0.05
-    assert abs(across) < 0.02
+    assert abs(along - 3.0) < 0.05 and abs(across) < 0.02
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 58.0, 149.0])
@@ -95,49 +90,31 @@ def test_in_a_street_at_any_angle_roll_pitch_and_height_are_the_prior_s(angle_de
     assert (level.pose.roll, level.pose.pitch) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("options", "prior", "status"),
-    [
-        ({"max_iterations": 1}, {"along": 0.5}, Status.NOT_CONVERGED),
-        ({"max_iterations": 1, "step_tolerance": 1.0, "turn_tolerance": 1.0}, {"along": 0.5}, Status.LOCALIZED),
-        ({"max_iterations": 1, "step_tolerance": 0.2}, {"turn_deg": 0.5}, Status.NOT_CONVERGED),
-        ({"max_iterations": 1, "step_tolerance": 0.2}, {}, Status.LOCALIZED),
-    ],
-)
+@pytest.mark.parametrize(("options", "prior", "status"), [
+    ({"max_iterations": 1}, {"along": 0.5}, Status.NOT_CONVERGED),
+    ({"max_iterations": 1, "step_tolerance": 1.0, "turn_tolerance": 1.0}, {"along": 0.5}, Status.LOCALIZED),
+    ({"max_iterations": 1, "step_tolerance": 0.2}, {"turn_deg": 0.5}, Status.NOT_CONVERGED),
+    ({"max_iterations": 1, "step_tolerance": 0.2}, {}, Status.LOCALIZED),
+])  # fmt: skip
 def test_it_has_converged_when_neither_step_nor_turn_is_long(street, street_map, street_scan, options, prior, status):
     estimate = Icp(**options).localize(street_scan, street_map, street.prior(**prior))
-    assert estimate.status == status
-    assert street.distance(estimate.pose) < 0.5
+    assert estimate.status == status and street.distance(estimate.pose) < 0.5
 
 
-# --- normal equations, against finite differences and by hand ---------------------------------------------------
-
-
-@pytest.fixture
-def correspondences():
+@pytest.mark.parametrize("kind", list(Residual))
+def test_normal_equations_are_those_of_finite_differences(kind):
     generator = np.random.default_rng(3)
     arms = generator.normal(0.0, 8.0, (50, 3))
     partners = arms + generator.normal(0.0, 0.5, (50, 3))
     normals = generator.normal(size=(50, 3))
-    return arms, partners, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
 
+    def residuals(x, y, heading):
+        offsets = turn(arms, heading) + [x, y, 0.0] - partners
+        return (normals * offsets).sum(axis=1) if kind is Residual.PLANE else offsets.ravel()
 
-def residuals(kind, pose, arms, partners, normals):
-    x, y, heading = pose
-    offsets = turn(arms, heading) + [x, y, 0.0] - partners
-    return (normals * offsets).sum(axis=1) if kind is Residual.PLANE else offsets.ravel()
-
-
-@pytest.mark.parametrize("kind", list(Residual))
-def test_normal_equations_are_those_of_finite_differences(kind, correspondences):
-    arms, partners, normals = correspondences
     N, gradient = kind.normal_equations(arms, arms - partners, normals)
     step = 1e-6
-    design = np.column_stack(
-        [
-            (residuals(kind, d, *correspondences) - residuals(kind, -d, *correspondences)) / (2 * step)
-            for d in step * np.eye(3)
-        ]
-    )
+    design = np.column_stack([(residuals(*d) - residuals(*-d)) / (2 * step) for d in step * np.eye(3)])
     np.testing.assert_allclose(N, design.T @ design, rtol=1e-6, atol=1e-4)
-    np.testing.assert_allclose(gradient, design.T @ residuals(kind, np.zeros(3), *correspondences), rtol=1e-6)
+    np.testing.assert_allclose(gradient, design.T @ residuals(0.0, 0.0, 0.0), rtol=1e-6)

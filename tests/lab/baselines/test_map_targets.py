@@ -41,10 +41,8 @@ def test_what_was_used_longest_ago_goes_first(plain):
     assert [targets.get(a_map, 0, make) for a_map in (plain, other, plain, other)] == [1, 2, 1, 2]
     for key in range(N_TARGETS):
         targets.get(plain, key, make)
-    assert targets.get(plain, 0, make) == 1
-    assert targets.get(plain, "new", make) == N_TARGETS + 2
-    assert targets.get(plain, 0, make) == 1
-    assert targets.get(plain, 1, make) == N_TARGETS + 3
+    assert targets.get(plain, 0, make) == 1 and targets.get(plain, "new", make) == N_TARGETS + 2
+    assert targets.get(plain, 0, make) == 1 and targets.get(plain, 1, make) == N_TARGETS + 3
 
 
 def test_a_map_that_is_gone_takes_its_targets_along(street_scan, street):
@@ -93,9 +91,7 @@ def test_where_nothing_matches_the_prior_is_the_answer(street, street_map, stree
         assert np.isinf(np.diag(found.cofactor)).all()
 
 
-# --- places and thinning --------------------------------------------------------------------------------------
-
-
+# --- places and thinning ---
 def at(x, y):
     return Pose(x, y, 1.7, 0.0, 0.0, 0.0)
 
@@ -104,15 +100,13 @@ def test_a_place_is_a_square_and_a_reach():
     points = np.array([[30.0, 0.0, 40.0], [1.0, 2.0, 3.0]])  # 50 m, and 5 m of drift
     assert Place.of_scan(points, at(39.9, -0.1), gate=1.0, spread=0.0) == Place(1, -1, 60.0)
     assert Place.of_scan(points, at(40.0, 0.0), gate=3.0, spread=2.5) == Place(2, 0, 80.0)
-    assert Place(1, -1, 60.0).middle == (30.0, -10.0)
-    assert Place(1, -1, 60.0).half_width == 70.0
+    assert Place(1, -1, 60.0).middle == (30.0, -10.0) and Place(1, -1, 60.0).half_width == 70.0
     assert Place.of_scan(np.empty((0, 3)), at(0.0, 0.0), 1.0, 0.0) == Place(0, 0, 20.0)
 
 
 def test_means_of_cubes_and_of_normals_that_agree():
     points = np.array([[0.9, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.1, 0.3, 0.0], [0.1, 0.1, 1.5], [0.3, 0.1, 0.2]])
-    assert thin(points, 0.0) is points
-    assert thin(points[:0], 0.5).shape == (0, 3)
+    assert thin(points, 0.0) is points and thin(points[:0], 0.5).shape == (0, 3)
     np.testing.assert_allclose(
         thin(points, 1.0), [[-0.1, 0.1, 0.0], [(0.9 + 0.1 + 0.3) / 3, 0.5 / 3, 0.2 / 3], [0.1, 0.1, 1.5]]
     )

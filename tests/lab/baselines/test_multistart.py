@@ -15,6 +15,7 @@ from maxcon.errors import OptionError
 from maxcon.lab.baselines import Choice, CountThenGicp, Gicp, Icp, MultiStart
 
 CENTRE = Pose(10.0, 20.0, 1.5, 0.01, 0.02, 0.3)
+Many = partial(MultiStart, Icp())
 
 
 def estimate(x, y, score, status=Status.LOCALIZED, heading=0.3):
@@ -45,8 +46,7 @@ def test_the_papers_grid_is_five_by_five_at_one_metre():
         (x, y) for y in (18.0, 19.0, 20.0, 21.0, 22.0) for x in (8.0, 9.0, 10.0, 11.0, 12.0)
     ]
     assert all(replace(start, x=10.0, y=20.0) == CENTRE for start in starts)
-    assert starts[12] == CENTRE
-    assert MultiStart(Icp(), n_side=1).starts(CENTRE) == [CENTRE]
+    assert starts[12] == CENTRE and MultiStart(Icp(), n_side=1).starts(CENTRE) == [CENTRE]
     starts = MultiStart(Icp(), n_side=2, spacing=0.5, n_headings=3, heading_spacing_deg=4.0).starts(CENTRE)
     corners = [(9.75, 19.75), (10.25, 19.75), (9.75, 20.25), (10.25, 20.25)]
     assert [(start.x, start.y) for start in starts] == 3 * corners
@@ -91,8 +91,7 @@ def test_a_street_of_equal_houses_is_ambiguous():
     ends = many.estimates(scan, point_map, periodic.sensor)
     assert sum(periodic.distance(end.pose) < 0.3 for end in ends) < 25
     chosen = many.localize(scan, point_map, periodic.sensor)
-    assert chosen.status == Status.AMBIGUOUS
-    assert chosen.score == max(end.score for end in ends)
+    assert chosen.status == Status.AMBIGUOUS and chosen.score == max(end.score for end in ends)
 
 
 @pytest.mark.parametrize("method", [Icp(), Gicp()])
@@ -106,19 +105,16 @@ def test_each_start_ends_where_it_ends_alone(street, street_map, street_scan, me
         assert math.dist(alone.pose.position, end.pose.position) < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("best", "other", "status"),
-    [
-        ({}, {"x": 0.29}, Status.LOCALIZED),
-        ({}, {"x": 0.22, "y": 0.22}, Status.AMBIGUOUS),
-        ({}, {"heading": 0.3 + math.radians(0.9)}, Status.LOCALIZED),
-        ({}, {"heading": 0.3 - math.radians(1.1)}, Status.AMBIGUOUS),
-        ({}, {"x": 3.0, "status": Status.NO_MATCH}, Status.AMBIGUOUS),
-        ({"heading": math.pi - 0.001}, {"heading": -math.pi + 0.001}, Status.LOCALIZED),
-        ({"status": Status.UNDETERMINED}, {"x": 5.0}, Status.UNDETERMINED),
-        ({"status": Status.NOT_CONVERGED}, {"x": 5.0}, Status.NOT_CONVERGED),
-    ],
-)
+@pytest.mark.parametrize(("best", "other", "status"), [
+    ({}, {"x": 0.29}, Status.LOCALIZED),
+    ({}, {"x": 0.22, "y": 0.22}, Status.AMBIGUOUS),
+    ({}, {"heading": 0.3 + math.radians(0.9)}, Status.LOCALIZED),
+    ({}, {"heading": 0.3 - math.radians(1.1)}, Status.AMBIGUOUS),
+    ({}, {"x": 3.0, "status": Status.NO_MATCH}, Status.AMBIGUOUS),
+    ({"heading": math.pi - 0.001}, {"heading": -math.pi + 0.001}, Status.LOCALIZED),
+    ({"status": Status.UNDETERMINED}, {"x": 5.0}, Status.UNDETERMINED),
+    ({"status": Status.NOT_CONVERGED}, {"x": 5.0}, Status.NOT_CONVERGED),
+])  # fmt: skip
 def test_the_most_correspondences_win_and_ends_elsewhere_make_it_ambiguous(best, other, status):
     first, second = (estimate(**{"x": 0.0, "y": 0.0, "score": 9.0, **values}) for values in (best, best))
     worse = estimate(**{"x": 0.0, "y": 0.0, "score": 3.0, **other})
@@ -126,22 +122,16 @@ def test_the_most_correspondences_win_and_ends_elsewhere_make_it_ambiguous(best,
     assert (chosen.status, chosen.pose, chosen.score) == (status, first.pose, 9.0)
 
 
-Many = partial(MultiStart, Icp())
-
-
-@pytest.mark.parametrize(
-    ("kind", "options", "words"),
-    [
-        (Icp, {"residual": "planes"}, "'plane' or 'point', got 'planes'"),
-        (Icp, {"gate": 0.0}, "`gate` to be finite, and above 0, got 0.0. The default is 1.0."),
-        (Icp, {"gate": math.inf}, "`gate` to be finite, and above 0, got inf"),
-        (Icp, {"thinning": -0.1}, "`thinning` to be finite, and 0 or more, got -0.1"),
-        (Icp, {"max_iterations": 2.5}, "`max_iterations` to be a whole number from 1, got 2.5. The default is 100."),
-        (Gicp, {"n_neighbours": 0}, "`n_neighbours` to be a whole number from 1, got 0"),
-        (CountThenGicp, {"heading_half_width_deg": -1.0}, "`heading_half_width_deg` to be finite, and 0 or more"),
-        (Many, {"choice": "best"}, "`choice` to be 'agreement' or 'overlap', got 'best'"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "options", "words"), [
+    (Icp, {"residual": "planes"}, "'plane' or 'point', got 'planes'"),
+    (Icp, {"gate": 0.0}, "`gate` to be finite, and above 0, got 0.0. The default is 1.0."),
+    (Icp, {"gate": math.inf}, "`gate` to be finite, and above 0, got inf"),
+    (Icp, {"thinning": -0.1}, "`thinning` to be finite, and 0 or more, got -0.1"),
+    (Icp, {"max_iterations": 2.5}, "`max_iterations` to be a whole number from 1, got 2.5. The default is 100."),
+    (Gicp, {"n_neighbours": 0}, "`n_neighbours` to be a whole number from 1, got 0"),
+    (CountThenGicp, {"heading_half_width_deg": -1.0}, "`heading_half_width_deg` to be finite, and 0 or more"),
+    (Many, {"choice": "best"}, "`choice` to be 'agreement' or 'overlap', got 'best'"),
+])  # fmt: skip
 def test_options_out_of_range_are_refused(kind, options, words):
     with pytest.raises(OptionError) as refusal:
         kind(**options)

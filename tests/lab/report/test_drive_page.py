@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import maxcon
-from drawn_figures import HOSTILE, yard
+from drawn_figures import HOSTILE, undrawn, yard
 from maxcon.drive.localize import DriveOptions
 from maxcon.drive.poses_table import COVARIANCES
 from maxcon.export import PoseRow
@@ -74,14 +74,11 @@ def test_the_page_says_what_was_found_and_how_good_it_is(drive, page):
     assert text.index("Epoch 2,") < text.index("Epoch 3,") < text.index("Epoch 0,")
 
 
-def test_the_maps_part_of_the_variance_is_told(drive, page):
-    # sigma 0.01 in x and in y of variances of 4e-4 and 1e-4
-    drive.point_map.sigma = 0.01
-    assert "sigma of 0.01 m: it makes 40 % of the variance" in page(drive)
-
-
-def test_without_a_reference_nothing_is_called_right_or_wrong(drive, page):
+def test_without_a_reference_nothing_is_called_right_or_wrong_and_the_maps_part_is_told(drive, page, monkeypatch):
+    undrawn(monkeypatch)
+    drive.point_map.sigma = 0.01  # in x and in y of variances of 4e-4 and 1e-4
     text = page(replace(drive, reference=None))
+    assert "sigma of 0.01 m: it makes 40 % of the variance" in text
     assert "only a reference tells: --reference POSES" in text and "How far from the reference" not in text
     assert "arther than" not in text
 
@@ -103,9 +100,7 @@ def test_the_worst_are_the_wrong_then_those_without_a_pose_then_the_least_sure()
     assert worst_epochs(is_localized[:2], is_wrong[:2], levels[:2]) == [1, 0]
 
 
-# --- walls by facing -----------------------------------------------------------------------------------------
-
-
+# --- walls by facing ---
 def walls(off):
     """Points on two walls, normals at 15 and at 105 degrees from +x, the second off along that by so much; normals."""
     rng, turn = np.random.default_rng(0), np.radians(15.0)
@@ -126,11 +121,7 @@ def test_a_wall_that_is_off_is_shown_in_its_direction():
     assert (first.first_deg, first.last_deg, second.first_deg, second.last_deg) == (0.0, 30.0, 90.0, 120.0)
     assert min(first.n_points, second.n_points) > 800 and min(first.found, second.found) > 0.95
     assert (first.offset, second.offset) == (pytest.approx(0.0, abs=0.004), pytest.approx(0.04, abs=0.004))
-    assert second.p95 < 0.06
-
-
-def test_no_scan_has_no_facing():
-    assert facings([], maxcon.PointMap.from_points(*walls(0.0))) == []
+    assert second.p95 < 0.06 and facings([], point_map) == []
 
 
 @pytest.mark.browser

@@ -12,10 +12,12 @@ from matplotlib.figure import Figure
 import maxcon
 from drawn_figures import HOSTILE, BelowZero, assert_all_fits, parts, png_size, words, yard
 from maxcon.errors import OptionError
+from maxcon.lab.report import charts
 from maxcon.lab.report import paper_figures as paper
 from maxcon.lab.report.certainty_plots import ErrorRow, plot_stanford, plot_timeline
 from maxcon.lab.report.charts import percents_within, plot_error_distributions
 from maxcon.lab.report.prior_error import levels_of_distance, plot_prior_error, round_width
+from maxcon.plotting.figure import saved_figure
 from maxcon.plotting.score_panel import SearchSpaceView
 from study_tables import rows_of
 
@@ -91,8 +93,7 @@ def test_a_figure_says_what_it_was_given_and_is_the_same_again(name, tmp_path):
         FIGURES[name](tmp_path / f"{stem}.svg")
     text = (tmp_path / "a.svg").read_text("utf-8")
     assert ElementTree.fromstring(text).tag == "{http://www.w3.org/2000/svg}svg"
-    assert "<script>" not in text
-    assert any(HOSTILE in told for told in words(tmp_path / "a.svg"))
+    assert "<script>" not in text and any(HOSTILE in told for told in words(tmp_path / "a.svg"))
     assert (tmp_path / "b.svg").read_text("utf-8") == text
 
 
@@ -165,9 +166,7 @@ def test_nothing_is_cut_off_in_a_comparison(n_shown, tmp_path, drawn):
         assert_all_fits(figure)
 
 
-# --- the numbers in figures -----------------------------------------------------------------------------------
-
-
+# --- the numbers in figures ---
 @given(st.lists(st.floats(0.0, 20.0) | st.just(np.nan), min_size=1), st.floats(0.0, 20.0))
 def test_percents_count_what_they_say(errors, limit):
     expected = 100.0 * sum(error <= limit for error in errors) / len(errors)
@@ -235,3 +234,32 @@ def test_statuses_and_wrong_answers_are_counted(tmp_path):
     written = words(path)
     assert "No trusted answer is wrong" in " ".join(written) and "predicts no errors" in " ".join(written)
     assert not {"±2 predicted sigmas", "protection level"} & set(written)
+
+
+# --- styles, legends and ticks ---
+@pytest.mark.parametrize("field", ["color", "line", "marker", "hatch"])
+def test_each_mark_alone_tells_the_methods_apart(field):
+    assert len({getattr(style, field) for style in charts.METHOD_STYLES}) == 8
+
+
+@pytest.mark.parametrize(
+    ("labels", "expected"), [(["a"], 1), (["a"] * 4, 4), (["a"] * 5, 3), (["a" * 40] * 3, 2), (["a" * 80, "b"], 1)]
+)
+def test_legends_have_as_many_columns_as_fit(labels, expected, tmp_path):
+    with saved_figure(tmp_path / "legend.png", 9.2, 3.0, "", "") as figure:
+        handles = figure.subplots().plot(np.zeros((2, len(labels))))
+        assert charts.draw_legend(figure, handles, labels)._ncols == expected
+
+
+@pytest.mark.parametrize(("low", "high", "expected"), [
+    (1.8, 60.0, ["2", "5", "10", "20", "50"]),
+    (0.01, 10.0, ["≤ 0.01", "0.02", "0.05", "0.1", "0.2", "0.5", "1", "2", "5", "10"]),
+    (0.02, 50.0, ["0.1", "1", "10"]),
+])  # fmt: skip
+def test_ticks_are_round_numbers(tmp_path, low, high, expected):
+    with saved_figure(tmp_path / "ticks.png", 4.0, 1.0, "", "") as figure:
+        axes = figure.add_subplot()
+        axes.set_xscale("log")
+        axes.set_xlim(low, high)
+        charts.draw_number_ticks(axes.xaxis, low, high, least=0.01)
+        assert [label.get_text() for label in axes.get_xticklabels()] == expected

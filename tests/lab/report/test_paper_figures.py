@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import maxcon
 from drawn_figures import BelowZero, parts, words, yard
@@ -11,13 +12,6 @@ from maxcon.lab.report import paper_figures as paper
 from maxcon.plotting.score_panel import SearchSpaceView
 
 NAN = np.full(3, np.nan)
-
-
-@pytest.fixture
-def panel():
-    from matplotlib.figure import Figure
-
-    return Figure().add_axes((0.0, 0.0, 1.0, 1.0))
 
 
 def view(objective=None):
@@ -38,15 +32,13 @@ def test_offsets_count_from_the_reference_and_turns_are_the_short_way_round():
     assert paper.view_words(replace(view(), title="Mine"), behind).startswith("Mine\n")
 
 
-@pytest.mark.parametrize(
-    ("reference", "xlim", "ylim", "best"),
-    [
-        # The prior lies 0.18 m west and 0.24 m north of the reference; cells reach 0.63 m west and 0.57 m east.
-        ((0.0, 0.0), (-0.81, 0.39), (-0.39, 0.81), (0.0, 0.0)),
-        ((2.0, -3.0), (-2.81, 0.0), (0.0, 3.81), (-2.0, 3.0)),  # outside, but in sight
-    ],
-)
-def test_the_reference_is_at_zero_and_the_whole_space_in_sight(panel, reference, xlim, ylim, best):
+@pytest.mark.parametrize(("reference", "xlim", "ylim", "best"), [
+    # The prior lies 0.18 m west and 0.24 m north of the reference; cells reach 0.63 m west and 0.57 m east.
+    ((0.0, 0.0), (-0.81, 0.39), (-0.39, 0.81), (0.0, 0.0)),
+    ((2.0, -3.0), (-2.81, 0.0), (0.0, 3.81), (-2.0, 3.0)),  # outside, but in sight
+])  # fmt: skip
+def test_the_reference_is_at_zero_and_the_whole_space_in_sight(reference, xlim, ylim, best):
+    panel = Figure().add_axes((0.0, 0.0, 1.0, 1.0))
     paper.draw_view(panel, view(), maxcon.Pose(*reference, 0.0, 0.0, 0.0, 0.0))
     assert panel.get_xlim() == pytest.approx(xlim) and panel.get_ylim() == pytest.approx(ylim)
     marks = [line.get_xydata()[0] for line in panel.lines]

@@ -2,6 +2,7 @@
 
 import pytest
 
+from drawn_figures import undrawn
 from maxcon.lab.evaluation import ProtectionCounts
 from maxcon.lab.report.study_figures import certainty_of
 from study_tables import rows_of
@@ -15,6 +16,11 @@ LEVELS = {"protection_along": 0.05, "protection_across": 0.008}
 WITHHELD = ANSWER | {"status": "ambiguous", "is_localized": False}
 UNREADABLE = {"status": "unreadable scan", "is_localized": False, "is_success": False, "reference_x": 0.0}
 CONFIGURED = {"maxcon": {"method": {"class": "MaximumConsensus", "risk": 0.02}}}
+
+
+@pytest.fixture(autouse=True)
+def _undrawn(monkeypatch):
+    undrawn(monkeypatch)
 
 
 def by_prior(by_method, priors=("gnss",)):
@@ -44,14 +50,11 @@ def test_errors_are_held_to_sigmas_and_levels(tmp_path):
     assert found["notes"] == []
 
 
-@pytest.mark.parametrize(
-    ("method", "rows", "n_tables", "words"),
-    [
-        ("gicp-3m", [ANSWER, WITHHELD], 0, "no method predicts its errors here, with the prior “gnss”"),
-        ("maxcon", [ANSWER | SIGMAS], 1, "No Stanford diagram: maxcon gives no protection levels."),
-        ("maxcon", [UNREADABLE] * 2, 0, "no method predicts its errors here"),
-    ],
-)
+@pytest.mark.parametrize(("method", "rows", "n_tables", "words"), [
+    ("gicp-3m", [ANSWER, WITHHELD], 0, "no method predicts its errors here, with the prior “gnss”"),
+    ("maxcon", [ANSWER | SIGMAS], 1, "No Stanford diagram: maxcon gives no protection levels."),
+    ("maxcon", [UNREADABLE] * 2, 0, "no method predicts its errors here"),
+])  # fmt: skip
 def test_what_no_method_predicts_is_not_shown_and_the_page_says_so(tmp_path, method, rows, n_tables, words):
     found = certainty_of(tmp_path, by_prior({method: rows}), "gnss", CONFIGURED)
     assert (len(found["coverage"]), found["protection"], found["protection_pictures"]) == (n_tables, [], [])

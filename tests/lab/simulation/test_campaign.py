@@ -36,8 +36,7 @@ def test_priors_are_off_by_their_errors_whatever_the_number_of_epochs(campaign, 
     few, all_priors = campaign.epochs(4), priors(everything)
     assert priors(few) == [all_priors[epoch.tick] for epoch in few]
     off = np.array([prior.values - epoch.reference.values for prior, epoch in zip(all_priors, everything, strict=True)])
-    assert 0.8 < np.abs(off[:, :2]).max() <= bound
-    assert np.abs(off[:, 2]).max() <= 0.04
+    assert 0.8 < np.abs(off[:, :2]).max() <= bound and np.abs(off[:, 2]).max() <= 0.04
     assert 0.2 < np.degrees(np.abs(wrap_angle(off[:, 5]))).max() <= 1.8 + 1e-9
     step = np.median(np.linalg.norm(np.diff(off[:, :2], axis=0), axis=1))
     assert step < 0.3 if name == "gnss_priors" else step > 1.0  # slowly, or at once

@@ -9,6 +9,9 @@ from maxcon.lab.simulation import ScannerLayout
 from maxcon.lab.simulation.drive import Drive
 from maxcon.lab.simulation.scanners import DeskewErrors, RosetteScanner, RotatingScanner, scan_moving
 
+NONE = DeskewErrors(0.0, 0.0, 0.0)
+NOISE_FREE = RotatingScanner(azimuth_step_deg=1.0, noise=0.0, dropout=0.0)
+
 
 def _distances_to_hit_planes(returns, caster):
     """Signed distance of each point from the plane of the triangle it hit, and the cosine of incidence."""
@@ -29,15 +32,12 @@ def epoch(world):
     return world.epochs(3)[0]
 
 
-@pytest.mark.parametrize(
-    ("name", "n_columns", "elevations_deg"),
-    [
-        ("vlp-16", 1800, dict(enumerate(range(-15, 16, 2)))),
-        ("vlp-32c", 1800, {0: -25.0, 1: -15.639, 20: 0.0, 30: 10.333, 31: 15.0}),
-        ("hdl-64e", 2083, {0: -24.33, 1: -23.83, 32: -8.33, 63: 2.0}),
-        ("os1-64", 1024, {0: -22.5, 63: 22.5}),
-    ],
-)
+@pytest.mark.parametrize(("name", "n_columns", "elevations_deg"), [
+    ("vlp-16", 1800, dict(enumerate(range(-15, 16, 2)))),
+    ("vlp-32c", 1800, {0: -25.0, 1: -15.639, 20: 0.0, 30: 10.333, 31: 15.0}),
+    ("hdl-64e", 2083, {0: -24.33, 1: -23.83, 32: -8.33, 63: 2.0}),
+    ("os1-64", 1024, {0: -22.5, 63: 22.5}),
+])  # fmt: skip
 def test_layers_and_columns_by_name(name, n_columns, elevations_deg):
     scanner = ScannerLayout.parse(name).scanner()
     elevations = np.degrees(scanner.elevations)
@@ -55,27 +55,23 @@ def _angles(layout, time=0.0):
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(np.clip(z, -1.0, 1.0))), rays.offsets
 
 
-@pytest.mark.parametrize(
-    ("layout", "n_rays", "azimuths", "elevations"),
-    [
-        (ScannerLayout.OS1_128, 128 * 1024, (-180.0, 180.0), (-22.5, 22.5)),
-        (ScannerLayout.OS_DOME_128, 128 * 1024, (-180.0, 180.0), (0.0, 89.5)),
-        (ScannerLayout.XT_32, 32 * 2000, (-180.0, 180.0), (-16.0, 15.0)),
-        (ScannerLayout.PANDAR_128, 128 * 1800, (-180.0, 180.0), (-25.0, 15.0)),
-        (ScannerLayout.MID_360, 20_000, (-180.0, 180.0), (-7.0, 52.0)),
-        (ScannerLayout.AVIA, 24_000, (-35.2, 35.2), (-38.6, 38.6)),
-        (ScannerLayout.TWO_VLP_16, 2 * 28_800, (-180.0, 180.0), (-40.0, 40.0)),
-        (ScannerLayout.TWO_OS_DOME_128, 2 * 128 * 1024, (-180.0, 180.0), (-90.0, 90.0)),
-    ],
-)
+@pytest.mark.parametrize(("layout", "n_rays", "azimuths", "elevations"), [
+    (ScannerLayout.OS1_128, 128 * 1024, (-180.0, 180.0), (-22.5, 22.5)),
+    (ScannerLayout.OS_DOME_128, 128 * 1024, (-180.0, 180.0), (0.0, 89.5)),
+    (ScannerLayout.XT_32, 32 * 2000, (-180.0, 180.0), (-16.0, 15.0)),
+    (ScannerLayout.PANDAR_128, 128 * 1800, (-180.0, 180.0), (-25.0, 15.0)),
+    (ScannerLayout.MID_360, 20_000, (-180.0, 180.0), (-7.0, 52.0)),
+    (ScannerLayout.AVIA, 24_000, (-35.2, 35.2), (-38.6, 38.6)),
+    (ScannerLayout.TWO_VLP_16, 2 * 28_800, (-180.0, 180.0), (-40.0, 40.0)),
+    (ScannerLayout.TWO_OS_DOME_128, 2 * 128 * 1024, (-180.0, 180.0), (-90.0, 90.0)),
+])  # fmt: skip
 def test_fields_of_view_and_rays_of_a_tenth_of_a_second(layout, n_rays, azimuths, elevations):
     azimuth, elevation, offsets = _angles(layout)
     assert len(azimuth) == n_rays
     for found, limits in ((azimuth, azimuths), (elevation, elevations)):
         assert limits[0] - 1e-6 <= found.min() <= limits[0] + 1.0
         assert limits[1] - 1.0 <= found.max() <= limits[1] + 1e-6
-    assert -0.05 < offsets.min() < -0.0499
-    assert 0.0499 < offsets.max() < 0.05
+    assert -0.05 < offsets.min() < -0.0499 and 0.0499 < offsets.max() < 0.05
 
 
 @pytest.mark.parametrize("layout", [ScannerLayout.MID_360, ScannerLayout.AVIA])
@@ -85,8 +81,7 @@ def test_scans_of_a_pattern_that_does_not_repeat_fill_the_gaps_of_others(layout)
         angles = (np.column_stack(_angles(layout, time)[:2]) for time in times)
         return len(np.unique(np.floor(5.0 * np.concatenate(list(angles))), axis=0))
 
-    assert seen([10.0]) == seen([10.0, 10.0])
-    assert seen([10.0, 10.1]) > 1.5 * seen([10.0])
+    assert seen([10.0]) == seen([10.0, 10.0]) and seen([10.0, 10.1]) > 1.5 * seen([10.0])
     assert seen([10.0, 10.1, 10.2, 10.3]) > 2.2 * seen([10.0])
 
 
@@ -115,16 +110,11 @@ def test_noise_dropouts_and_ranges_are_as_stated(world, epoch):
     distances, cosines = _distances_to_hit_planes(returns, world.scan_caster)
     steep = np.abs(cosines) > 0.3
     along_ray = distances[steep] / cosines[steep]
-    assert abs(along_ray.mean()) < 0.001
-    assert np.isclose(along_ray.std(), 0.02, rtol=0.05)
+    assert abs(along_ray.mean()) < 0.001 and np.isclose(along_ray.std(), 0.02, rtol=0.05)
     ranges = np.linalg.norm(returns.points - returns.origins, axis=1)
     assert 5.0 - 0.1 <= ranges.min() <= ranges.max() <= 20.0 + 0.1
     full = world.scan(epoch, RotatingScanner(dropout=0.0, min_range=5.0, max_range=20.0))
     assert np.isclose(len(returns.points) / len(full.points), 0.9, atol=0.02)
-
-
-NONE = DeskewErrors(0.0, 0.0, 0.0)
-NOISE_FREE = RotatingScanner(azimuth_step_deg=1.0, noise=0.0, dropout=0.0)
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,12 @@ PROFILES = {
     for name, rate, n in (("campaign", 20.0, 120), ("suburb", 60.0, 600))
 }
 CAMPAIGN = {**THINNEST, "n_epochs": 7, "seed": 3, "n_rounds": 2, "mapping_scanners": PROFILES["campaign"]}
+TWO_PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
+PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
+OF_CITY = ["map clouds", "mapping", "map sigma", "scans", "reference", "prior"]
+HARD = "--campaign --hard --epochs 200 --every 0.5 --seed 4 --scanner os1-64"
+AS_HARD = {"n_epochs": 200, "every": 0.5, "is_hard": True, "seed": 4, "scanner": ScannerLayout.OS1_64.scanner()}
+SUBURB = {"n_epochs": 200, "scanner": ScannerLayout.VLP_32C.scanner(), "overwrite": True}
 
 
 @pytest.fixture(scope="module")
@@ -101,22 +107,15 @@ def test_map_clouds_are_las_1_4_with_class_time_and_crs_in_tiles(dataset):
     assert np.linalg.norm(points - origins, axis=1).max() < 60.2
 
 
-TWO_PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
-
-
-@pytest.mark.parametrize(
-    ("name", "words", "n_epochs", "priors", "sigma"),
-    [
-        ("dataset", "seed 3, 3 epochs.", 3, {"uniform": "prior.txt"}, 0.0),
-        ("campaign_dataset", "campaign, seed 3, 2 rounds of mapping, 7 epochs.", 7, TWO_PRIORS, None),
-        ("suburb_dataset", "suburb, seed 3, 3 epochs.", 3, TWO_PRIORS, None),
-    ],
-)
+@pytest.mark.parametrize(("name", "words", "n_epochs", "priors", "sigma"), [
+    ("dataset", "seed 3, 3 epochs.", 3, {"uniform": "prior.txt"}, 0.0),
+    ("campaign_dataset", "campaign, seed 3, 2 rounds of mapping, 7 epochs.", 7, TWO_PRIORS, None),
+    ("suburb_dataset", "suburb, seed 3, 3 epochs.", 3, TWO_PRIORS, None),
+])  # fmt: skip
 def test_it_says_what_it_is_and_has_a_pose_per_scan(request, name, words, n_epochs, priors, sigma):
     dataset = request.getfixturevalue(name)
     assert (dataset.folder / "dataset.toml").read_text().splitlines()[0].endswith(f": {words}")
-    assert Dataset.open(dataset.folder) == dataset
-    assert dataset.vehicle_classes == (64,)
+    assert Dataset.open(dataset.folder) == dataset and dataset.vehicle_classes == (64,)
     assert dataset.map_sigma == sigma  # if None, its rounds say
     assert {name: path.name for name, path in dataset.priors.items()} == priors
     times = np.loadtxt(dataset.scans / "times.txt")
@@ -126,8 +125,7 @@ def test_it_says_what_it_is_and_has_a_pose_per_scan(request, name, words, n_epoc
         trajectory = read_trajectory(path)
         np.testing.assert_array_equal(trajectory.times, times)
         errors = np.abs(trajectory.positions - reference.positions)
-        assert errors[:, :2].max() <= 2.7
-        assert errors[:, 2].max() <= 0.0401
+        assert errors[:, :2].max() <= 2.7 and errors[:, 2].max() <= 0.0401
 
 
 @pytest.mark.parametrize("name", ["dataset", "campaign_dataset"])
@@ -173,8 +171,7 @@ def test_successive_epochs_and_the_odometry_of_the_whole_round(campaign_dataset,
     assert successive.odometry.name == campaign_dataset.odometry.name == "odometry.txt"
     told, same = read_trajectory(successive.odometry), read_trajectory(campaign_dataset.odometry)
     np.testing.assert_array_equal(told.positions, same.positions)
-    assert len(told) == 3001
-    assert np.isin(np.round(times, 6), np.round(told.times, 6)).all()
+    assert len(told) == 3001 and np.isin(np.round(times, 6), np.round(told.times, 6)).all()
     reference = read_trajectory(campaign_dataset.reference)
     first, second = reference.times[1:3]
     moved = [np.linalg.norm(each.at(second).position - each.at(first).position) for each in (told, reference)]
@@ -207,61 +204,47 @@ def test_an_epoch_of_the_suburb_is_localized(suburb_dataset, tmp_path):
 
 def test_a_walk_is_the_same_for_the_same_seed_and_is_localized_from_level_priors(tmp_path):
     scanner = ScannerLayout.MID_360.scanner()
-    options = {"n_epochs": 3, "seed": 3, "before": 20.0, "after": 15.0, "carrier": Carrier.HAND, "scanner": scanner}
+    options = {"n_epochs": 2, "seed": 3, "before": 20.0, "after": 15.0, "carrier": Carrier.HAND, "scanner": scanner}
     dataset = simulate(tmp_path / "walk", **options, mapping_scanners=PROFILES["suburb"])
     again = simulate(tmp_path / "again", **options, mapping_scanners=THINNEST["mapping_scanners"])
     np.testing.assert_array_equal(_scan(dataset, 1), _scan(again, 1))
     assert dataset.prior.read_bytes() == again.prior.read_bytes()
     assert list(dataset.priors) == ["level"]
     answers = []
-    for prior, estimate, wanted in _localized(dataset, tmp_path, range(3), "level", MaximumConsensus(widest=0.0)):
+    for prior, estimate, wanted in _localized(dataset, tmp_path, range(2), "level", MaximumConsensus(widest=0.0)):
         assert (prior.roll, prior.pitch) == pytest.approx((0.0, 0.0), abs=1e-9)
         answers.append((estimate.is_localized, np.abs(estimate.pose.less(wanted)).max() < 0.05))
-    assert answers == 3 * [(True, True)]  # tilted by 13, 17 and 22 degrees
+    assert answers == 2 * [(True, True)]  # tilted by 13 and 22 degrees
 
 
-@pytest.mark.parametrize(
-    ("make", "wrong", "words"),
-    [
-        (simulate, {"n_epochs": 0}, "Expected at least one epoch, got n_epochs = 0"),
-        (simulate, {"seed": -1}, "Expected a seed of 0 or more, got -1"),
-        (simulate, {"before": 3.0}, "Expected a route of more than"),
-        (simulate_campaign, {"n_rounds": 0}, "Expected at least one round of mapping, got 0"),
-        (simulate_campaign, {"n_epochs": 0}, r"Expected 1 to 3001 epochs of a campaign, got n_epochs = 0\."),
-        (simulate_campaign, {"n_epochs": 10, "every": 0.25}, r"`every` to be a multiple of 0\.1 s .* got 0\.25 s"),
-        (simulate_suburb, {"n_epochs": 0}, "Expected 1 to 601 epochs of a suburb, got n_epochs = 0"),
-        (simulate_suburb, {"n_epochs": 1, "road_length": 10.0}, "Expected a road of 60 to 2000 m"),
-    ],
-)
+@pytest.mark.parametrize(("make", "wrong", "words"), [
+    (simulate, {"n_epochs": 0}, "Expected at least one epoch, got n_epochs = 0"),
+    (simulate, {"seed": -1}, "Expected a seed of 0 or more, got -1"),
+    (simulate, {"before": 3.0}, "Expected a route of more than"),
+    (simulate_campaign, {"n_rounds": 0}, "Expected at least one round of mapping, got 0"),
+    (simulate_campaign, {"n_epochs": 0}, r"Expected 1 to 3001 epochs of a campaign, got n_epochs = 0\."),
+    (simulate_campaign, {"n_epochs": 10, "every": 0.25}, r"`every` to be a multiple of 0\.1 s .* got 0\.25 s"),
+    (simulate_suburb, {"n_epochs": 0}, "Expected 1 to 601 epochs of a suburb, got n_epochs = 0"),
+    (simulate_suburb, {"n_epochs": 1, "road_length": 10.0}, "Expected a road of 60 to 2000 m"),
+])  # fmt: skip
 def test_wrong_options_are_refused(tmp_path, make, wrong, words):
     with pytest.raises(OptionError, match=words):
         make(tmp_path / "out", **wrong)
     assert list(tmp_path.iterdir()) == []
 
 
-PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
-OF_CITY = ["map clouds", "mapping", "map sigma", "scans", "reference", "prior"]
-HARD = "--campaign --hard --epochs 200 --every 0.5 --seed 4 --scanner os1-64"
-AS_HARD = {"n_epochs": 200, "every": 0.5, "is_hard": True, "seed": 4, "scanner": ScannerLayout.OS1_64.scanner()}
-SUBURB = {"n_epochs": 200, "scanner": ScannerLayout.VLP_32C.scanner(), "overwrite": True}
-
-
-@pytest.mark.parametrize(
-    ("name", "dataset_name", "options", "asked", "parts"),
-    [
-        ("simulate", "dataset", "--changed 0.3", {"n_epochs": 40, "carrier": "car", "changed": 0.3}, OF_CITY),
-        ("simulate_campaign", "campaign_dataset", HARD, AS_HARD, [*PARTS, "odometry"]),
-        ("simulate_suburb", "suburb_dataset", "--scene suburb --scanner vlp-32c --overwrite", SUBURB, PARTS),
-    ],
-)
+@pytest.mark.parametrize(("name", "dataset_name", "options", "asked", "parts"), [
+    ("simulate", "dataset", "--changed 0.3", {"n_epochs": 40, "carrier": "car", "changed": 0.3}, OF_CITY),
+    ("simulate_campaign", "campaign_dataset", HARD, AS_HARD, [*PARTS, "odometry"]),
+    ("simulate_suburb", "suburb_dataset", "--scene suburb --scanner vlp-32c --overwrite", SUBURB, PARTS),
+])  # fmt: skip
 def test_options_go_on_and_parts_are_said(request, monkeypatch, tmp_path, name, dataset_name, options, asked, parts):
     dataset = request.getfixturevalue(dataset_name)
     simulate_it = Mock(return_value=dataset)
     monkeypatch.setattr(simulation, name, simulate_it)
     first, *lines = run("simulate", tmp_path / "out", *options.split()).splitlines()
     simulate_it.assert_called_once_with(tmp_path / "out", progress=ANY, **{"seed": 0, "overwrite": False} | asked)
-    assert first == str(dataset.folder)
-    assert [line[:13].strip() for line in lines] == parts
+    assert first == str(dataset.folder) and [line[:13].strip() for line in lines] == parts
     assert all(f" {dataset.folder}/" in line for line in lines if not line.startswith("map sigma"))
 
 

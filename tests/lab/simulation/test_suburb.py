@@ -68,8 +68,7 @@ def test_ranges_and_the_ratio_of_points_with_a_normal_are_those_of_real_scans(su
     assert 0.24 < np.mean(ratios) < 0.50, ratios
     ranges = np.concatenate([np.linalg.norm(p, axis=1) for p in _scans(suburb, ScannerLayout.HDL_64E)])
     low, middle, high = np.percentile(ranges, [10, 50, 90])
-    assert 3.0 < low < 6.0
-    assert 5.5 < middle < 9.5
+    assert 3.0 < low < 6.0 and 5.5 < middle < 9.5
     assert 14.0 < high < 27.0
 
 

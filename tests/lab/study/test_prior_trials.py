@@ -1,4 +1,4 @@
-"""Levels of a prior's error, priors drawn at them, the statistics of a table by level, and the benchmark's table."""
+"""Levels of a prior's error, priors drawn at them, a table by level; the benchmarks of these and of latency."""
 
 import importlib
 import math
@@ -7,14 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from maxcon import MaximumConsensus, Pose
+from maxcon import MaximumConsensus, Pose, Scan, SearchSpace
 from maxcon.errors import OptionError
 from maxcon.lab.baselines import CountThenGicp, MultiStart
 from maxcon.lab.study import prior_trials
 from maxcon.lab.study.methods import MAP_VARIANTS
 from study_tables import study_table
+from walled_towns import TRUTH, made
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
+NEAR = prior_trials.prior_level(3.0, 2.0)
+REFERENCE = Pose(100.0, -50.0, 2.0, 0.01, -0.02, 1.0)
 
 
 def row(method, epoch=0, level="12 m, 10°", *, good=True, right=True, distance=0.1, ms=10.0):
@@ -42,14 +45,23 @@ def test_statistics_by_hand_in_the_order_of_levels_and_methods():
 
 
 @pytest.fixture
-def benchmark_module(monkeypatch):
+def module_of_benchmarks(monkeypatch):
+    """Import a benchmark by its name."""
     pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return importlib.import_module("prior_error")
+    return importlib.import_module
 
 
-def test_the_table_has_a_row_per_level_and_method(benchmark_module):
-    lines = benchmark_module.table(study_table(ROWS), LEVELS)
+def test_all_stages_of_a_search_are_seen(module_of_benchmarks):
+    latency, (point_map, scan) = module_of_benchmarks("latency"), made(1)
+    stages = latency.StageTimes()
+    with stages.watching():
+        MaximumConsensus(SearchSpace(3.0, heading_half_width_deg=2.0)).localize(Scan(scan.points), point_map, TRUTH)
+    assert set(stages.ms) == set(latency.STAGES)
+
+
+def test_the_table_has_a_row_per_level_and_method(module_of_benchmarks):
+    lines = module_of_benchmarks("prior_error").table(study_table(ROWS), LEVELS)
     assert lines[2:] == [
         "| 3 m, 2° | maxcon | **1 of 1** | 1 | 0 | 7 | 7 | 5.0 |",
         "| 12 m, 10° | maxcon | 2 of 3 | 2 | 1 | 20 | 38 | 15.0 |",
@@ -58,18 +70,16 @@ def test_the_table_has_a_row_per_level_and_method(benchmark_module):
     assert len({line.count("|") for line in lines}) == 1
 
 
-def test_a_folder_of_other_trials_is_refused(benchmark_module, tmp_path):
-    level = benchmark_module.parse_level
-    settings = benchmark_module.settings_of([level("1:1")], 0)
-    benchmark_module.check_same(tmp_path, settings)
-    benchmark_module.check_same(tmp_path, settings)
-    benchmark_module.check_same(tmp_path, benchmark_module.settings_of([level("12:10")], 0))
+def test_a_folder_of_other_trials_is_refused(module_of_benchmarks, tmp_path):
+    prior_error = module_of_benchmarks("prior_error")
+
+    def check(level, seed):
+        prior_error.check_same(tmp_path, prior_error.settings_of([prior_error.parse_level(level)], seed))
+
+    for level in ("1:1", "1:1", "12:10"):
+        check(level, 0)
     with pytest.raises(OptionError, match="same methods and seed"):
-        benchmark_module.check_same(tmp_path, benchmark_module.settings_of([level("1:1")], 1))
-
-
-NEAR = prior_trials.prior_level(3.0, 2.0)
-REFERENCE = Pose(100.0, -50.0, 2.0, 0.01, -0.02, 1.0)
+        check("1:1", 1)
 
 
 def test_priors_are_within_their_level_and_only_in_x_y_and_heading():

@@ -39,14 +39,6 @@ def rewrite(path, change):
     path.write_text("".join(f"{line if isinstance(line, str) else ' '.join(line)}\n" for line in poses if line))
 
 
-def of_another_clock(pose):
-    return ["9" + pose[0], *pose[1:]]
-
-
-def in_another_crs(pose):
-    return [pose[0], "9.0", *pose[2:]]
-
-
 @dataclass(frozen=True)
 class Careless:
     """Returns a pose where an estimate is expected."""
@@ -78,8 +70,7 @@ class Contrary:
 def test_one_row_per_epoch_and_method(study, simulated, methods):
     keys = list(keys_of(study.table))
     assert len(keys) == len(set(keys)) == N_EPOCHS * len(methods)
-    assert study.table.schema.names == list(COLUMNS)
-    assert not (study.folder / "parts").exists()
+    assert study.table.schema.names == list(COLUMNS) and not (study.folder / "parts").exists()
     assert list(study.configuration.methods) == [method.name for method in methods]
     (run,) = study.configuration.runs
     assert (run["n_rows"], run["n_epochs"], run["priors"]) == (len(keys), N_EPOCHS, ["uniform"])
@@ -139,8 +130,7 @@ def test_what_is_done_is_not_done_again(tried):
     assert {epoch: new[epoch] for epoch in old} == old
     assert [run["n_rows"] for run in more.configuration.runs] == [3, 2 * N_EPOCHS - 3]
     done = tried(both)
-    assert done.table.equals(more.table)
-    assert len(done.configuration.runs) == 2
+    assert done.table.equals(more.table) and len(done.configuration.runs) == 2
 
 
 def test_where_a_search_starts_and_which_prior_are_told_apart(copied, tried, tmp_path, small_space):
@@ -176,21 +166,18 @@ def test_a_study_stopped_while_maps_are_built_is_gone_on_with(simulated, tried, 
     assert sorted(path.name for path in folder.iterdir()) == ["maps", "study.json", "table.parquet"]
 
 
-@pytest.mark.parametrize(
-    ("part", "change", "error", "words"),
-    [
-        ("prior", of_another_clock, TrajectoryError, "Expected poses of uniform for the scans"),
-        ("reference", of_another_clock, TrajectoryError, "Expected poses of reference for the scans"),
-        ("reference", in_another_crs, MapError, "Expected poses of reference inside the map.* in the same CRS"),
-    ],
-)
-def test_another_clock_or_crs_is_said_at_once_and_may_be_mended(copied, tried, part, change, error, words):
-    path = getattr(copied, part)
-    right = path.read_text()
-    rewrite(path, change)
-    with pytest.raises(error, match=words):
-        tried(n_epochs=1)
-    path.write_text(right)
+def test_another_clock_or_crs_is_said_at_once_and_may_be_mended(copied, tried):
+    of_another_clock, in_another_crs = lambda pose: ["9" + pose[0], *pose[1:]], lambda pose: [pose[0], "9.0", *pose[2:]]
+    for path, change, error, words in (
+        (copied.prior, of_another_clock, TrajectoryError, "uniform for the scans"),
+        (copied.reference, of_another_clock, TrajectoryError, "reference for the scans"),
+        (copied.reference, in_another_crs, MapError, "reference inside the map.* in the same CRS"),
+    ):
+        right = path.read_text()
+        rewrite(path, change)
+        with pytest.raises(error, match=f"Expected poses of {words}"):
+            tried(n_epochs=1)
+        path.write_text(right)
     assert len(tried(n_epochs=1).table) == 1
 
 
@@ -262,16 +249,13 @@ def test_methods_that_fail_are_rows_with_their_reason(tried, small_space):
     assert all(row["x"] is not None and row["kurtosis"] is None for row in rows_of(study, "negative"))
 
 
-@pytest.mark.parametrize(
-    ("chosen", "options", "words"),
-    [
-        (slice(1), {"priors": ["gnss"]}, "Expected a prior of uniform"),
-        (slice(1), {"n_epochs": 7}, "Expected 1 to 6 epochs"),
-        (slice(1), {"n_epochs": 0}, "Expected 1 to 6 epochs"),
-        (slice(0), {}, "at least one method"),
-        ([0, 0], {}, "name of its own"),
-    ],
-)
+@pytest.mark.parametrize(("chosen", "options", "words"), [
+    (slice(1), {"priors": ["gnss"]}, "Expected a prior of uniform"),
+    (slice(1), {"n_epochs": 7}, "Expected 1 to 6 epochs"),
+    (slice(1), {"n_epochs": 0}, "Expected 1 to 6 epochs"),
+    (slice(0), {}, "at least one method"),
+    ([0, 0], {}, "name of its own"),
+])  # fmt: skip
 def test_what_is_not_there_is_refused(simulated, methods, tmp_path, chosen, options, words):
     some = methods[chosen] if isinstance(chosen, slice) else [methods[number] for number in chosen]
     with pytest.raises(OptionError, match=words):

@@ -22,8 +22,7 @@ def test_every_set_is_of_known_methods_in_the_cells_of_their_maps_that_travel_to
         assert describe(pickle.loads(pickle.dumps(method))) == describe(method)
         space, cell = getattr(method.method, "space", None), MAP_VARIANTS[method.map_name].get("cell", CELL)
         if space is not None and not space.is_open:
-            assert space.cell == cell
-            assert 3.0 <= space.half_width < 3.0 + cell
+            assert space.cell == cell and 3.0 <= space.half_width < 3.0 + cell
 
 
 def test_names_and_sets_mix():

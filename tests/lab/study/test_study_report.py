@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from drawn_figures import undrawn
 from maxcon.errors import FileError, OptionError
 from maxcon.lab.report.study_report import report_study
 from maxcon.lab.report.study_scenes import draw_scenes
@@ -42,7 +43,7 @@ def test_a_browser_shows_it_whole(page_file, width, scheme):
     assert_whole(page_file, width, scheme, len(FIGURES))
 
 
-def test_predicted_errors_are_held_to_and_a_moved_or_changed_dataset_leaves_scenes_out(copied, tried, tmp_path):
+def test_predicted_errors_are_held_to_and_a_moved_dataset_leaves_scenes_out(copied, tried, tmp_path, monkeypatch):
     sorted(copied.scans.glob("*.bin"))[2].write_bytes(b"123")
     study = tried(["maxcon", "count-points", "helmert-points"], n_epochs=3)
     copied.folder.rename(tmp_path / "moved")
@@ -50,6 +51,7 @@ def test_predicted_errors_are_held_to_and_a_moved_or_changed_dataset_leaves_scen
     assert folder == tmp_path / "pictures"
     assert {path.stem for path in folder.iterdir()} == (FIGURES | {"stanford"}) - {"headings", "comparison"}
     assert "No scenes: Expected a dataset" in (tmp_path / "gone.html").read_text()
+    undrawn(monkeypatch)
     report_study(study.folder, tmp_path / "found.html", dataset=tmp_path / "moved")
     assert {path.stem for path in (tmp_path / "found-figures").iterdir()} == FIGURES | {"stanford"}
     text = (tmp_path / "found.html").read_text()
@@ -70,7 +72,8 @@ def test_predicted_errors_are_held_to_and_a_moved_or_changed_dataset_leaves_scen
     assert not (tmp_path / "no.html").exists()
 
 
-def test_methods_without_common_epochs_still_make_a_page(tried, tmp_path):
+def test_methods_without_common_epochs_still_make_a_page(tried, tmp_path, monkeypatch):
+    undrawn(monkeypatch)
     study = tried(["count-points", "helmert-points"], n_epochs=2)
     table = table_of(study.folder)
     kept = [row for row in table.read().to_pylist() if (row["method"] == "count-points") == (row["epoch"] == 0)]
@@ -80,14 +83,14 @@ def test_methods_without_common_epochs_still_make_a_page(tried, tmp_path):
     assert "No scenes: no epoch where both" in (tmp_path / "page.html").read_text()
 
 
-def test_rows_without_an_answer_are_told(copied, tried, tmp_path):
+def test_rows_without_an_answer_are_told(copied, tried, tmp_path, monkeypatch):
+    undrawn(monkeypatch)
     for scan in copied.scans.glob("*.bin"):
         scan.write_bytes(b"")
     study = tried(["count-points", "helmert-points"])
     report_study(study.folder, tmp_path / "bad.html")
     text = (tmp_path / "bad.html").read_text()
-    assert "12: unreadable scan, such as: Expected float32" in text
-    assert "0 of 6" in text
+    assert "12: unreadable scan, such as: Expected float32" in text and "0 of 6" in text
 
 
 def test_what_cannot_be_reported_is_said(study, tmp_path):

@@ -40,8 +40,7 @@ def aligned(three_passes, tmp_path_factory):
 
 def test_passes_come_together(three_passes, aligned):
     found, _out, _ = aligned
-    assert found.adjusted.drift_sigma == 0.0
-    assert found.sigma_before > 0.03
+    assert found.adjusted.drift_sigma == 0.0 and found.sigma_before > 0.03
     assert found.sigma_of_pass < 0.002
     assert found.sigma_of_map == pytest.approx(found.sigma_of_pass / np.sqrt(3))
     assert 0.05 < found.sigma_of_datum < 0.075
@@ -184,8 +183,7 @@ def test_passes_at_the_same_time_have_no_trajectory(tmp_path, write_las):
 def test_it_says_how_far_passes_lay_apart_and_what_that_makes_of_a_map(three_passes, tmp_path):
     clouds, _ = three_passes
     lines = run(*COMMAND, *clouds, "-o", tmp_path / "out", "--georeference-sigma-deg", "0.2").splitlines()
-    assert lines[0] == str(tmp_path / "out")
-    assert lines[1] == "passes       3, told apart by time"
+    assert lines[0] == str(tmp_path / "out") and lines[1] == "passes       3, told apart by time"
     assert lines[3] == "corrections  a motion of each pass, rigid"
     assert [line[:5] for line in lines[5:8]] == ["1 - 2", "1 - 3", "2 - 3"]
     assert lines[8].startswith("sigma        one pass beside the others 0.")

@@ -17,6 +17,8 @@ from maxcon.mapping.build.sources import open_headers
 
 PRIOR = np.repeat([0.1, math.radians(0.05)], 3)
 SIGMAS = np.repeat([0.003, math.radians(0.01)], 3)
+TIMES = np.array([7.2, 8.9, 9.1, 100.4, 101.2, 160.0])
+POINTS = np.arange(18.0).reshape(6, 3)
 
 
 def campaign(seed, n_passes=4, duration=60, drift=0.0, every=4, noise=1.0):
@@ -126,11 +128,9 @@ def test_what_no_constraint_tells_stays_at_its_prior():
     constraints = [each._replace(covariance=covariance) for each in constraints if 2 not in each.passes]
     adjusted = adjust(Equations(none, constraints), PRIOR, 0.0)
     first, _second, third = alignment.connectivity_of_passes(passes, constraints, adjusted, PRIOR)
-    assert first.sigma[0] > 0.09
-    assert first.sigma[1] < 0.004
+    assert first.sigma[0] > 0.09 and first.sigma[1] < 0.004
     assert "pass 1 is not determined along 0 degrees" in first.words or "along 180 degrees" in first.words
-    assert third.n_constraints == 0
-    assert "cannot be connected to any other" in third.words
+    assert third.n_constraints == 0 and "cannot be connected to any other" in third.words
     np.testing.assert_allclose(third.shift, 0.0, atol=1e-12)
     np.testing.assert_allclose(third.sigma, 0.1, rtol=1e-6)
 
@@ -154,22 +154,13 @@ def test_the_datum_is_the_mean_of_the_priors_and_larger_noise_makes_all_less_sur
     assert adjust(Equations(none, constraints), PRIOR, 0.0).inflation == pytest.approx(3.0, rel=0.15)
 
 
-TIMES = np.array([7.2, 8.9, 9.1, 100.4, 101.2, 160.0])
-POINTS = np.arange(18.0).reshape(6, 3)
-
-
 def silent(step, done, total):
     pass
 
 
 def numbers(passes, headers):
-    return np.concatenate(
-        [
-            passes.of_points(part.times, part.source_ids, file)
-            for file, header in enumerate(headers)
-            for part in read_passes(header)
-        ]
-    ).tolist()
+    parts = [(file, part) for file, header in enumerate(headers) for part in read_passes(header)]
+    return np.concatenate([passes.of_points(part.times, part.source_ids, file) for file, part in parts]).tolist()
 
 
 @pytest.fixture
@@ -183,8 +174,7 @@ def test_pauses_tell_passes_apart_in_order_of_time(headers):
     passes = survey(headers, "time", 20.0, silent)
     assert [each.name for each in passes] == ["pass 1", "pass 2", "pass 3"]
     assert [(each.start, each.end) for each in passes.passes] == [(7.0, 10.0), (100.0, 102.0), (160.0, 161.0)]
-    assert numbers(passes, headers) == [1, 1, 2, 0, 0, 0]
-    assert passes.are_apart
+    assert numbers(passes, headers) == [1, 1, 2, 0, 0, 0] and passes.are_apart
     assert passes.at(np.array([0.0, 50.0, 60.0, 140.0, 1e6])).tolist() == [0, 0, 1, 2, 2]
     assert len(survey(headers, "time", 70.0, silent)) == 2
     first = passes.passes[0]  # a second has the mean of its points
@@ -198,8 +188,7 @@ def test_files_and_sources_tell_passes_apart(headers):
     assert [each.name for each in by_file.passes] == ["a.las", "b.las"]
     assert numbers(by_file, headers) == [1, 1, 1, 0, 0, 0]
     assert [each.name for each in by_source.passes] == ["source 3", "source 7"]
-    assert numbers(by_source, headers) == [1, 1, 0, 0, 0, 1]
-    assert by_file.are_apart
+    assert numbers(by_source, headers) == [1, 1, 0, 0, 0, 1] and by_file.are_apart
     assert not by_source.are_apart
 
 

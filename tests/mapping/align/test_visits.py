@@ -41,17 +41,14 @@ def test_a_known_displacement_is_found(seed):
     assert constraint.fault == ""
     # the pose undoes the displacement: x -> R' (x - t)
     error = np.concatenate([constraint.pose.position + twist[:3], constraint.pose.values[3:] + twist[3:]])
-    assert np.abs(error[:3]).max() < 0.004
-    assert np.abs(error[3:]).max() < np.radians(0.03)
+    assert np.abs(error[:3]).max() < 0.004 and np.abs(error[3:]).max() < np.radians(0.03)
     sigmas = np.sqrt(np.diag(constraint.covariance))
-    assert (np.abs(error) < 4.0 * sigmas).all()
-    assert (sigmas[:3] < 0.005).all()
+    assert (np.abs(error) < 4.0 * sigmas).all() and (sigmas[:3] < 0.005).all()
 
 
 def test_a_corridor_leaves_open_what_lies_along_it_and_other_places_are_no_ties():
     constraint = constraint_between(CORRIDOR, np.array([0.1, -0.07, 0.05, 0.0, 0.0, 0.001]), 0)
-    assert constraint.fault == ""
-    assert np.sqrt(constraint.covariance[0, 0]) > 0.9
+    assert constraint.fault == "" and np.sqrt(constraint.covariance[0, 0]) > 0.9
     assert np.sqrt(constraint.covariance[1, 1]) < 0.005
     assert constraint.pose.y == pytest.approx(0.07, abs=0.004)
     rng = np.random.default_rng(0)
@@ -100,22 +97,17 @@ def test_visits_of_one_pass_are_told_apart_by_time():
         np.testing.assert_array_equal(one.points, read.points)
 
 
-@pytest.fixture(params=["in memory", "on disk"])
-def sorted_points(request, tmp_path, monkeypatch):
-    """Points of which two parts went into places, with the places."""
-    if request.param == "on disk":
+@pytest.mark.parametrize("where", ["in memory", "on disk"])
+def test_points_come_back_from_their_squares(where, tmp_path, monkeypatch):
+    """Of which two parts went into places."""
+    if where == "on disk":
         monkeypatch.setattr("maxcon.mapping.build.tile_points.BUFFER_BYTES", 10_000)
     points = ORIGIN + np.random.default_rng(4).uniform([-60.0, -30.0, -2.0], [50.0, 70.0, 9.0], (3000, 3))
     places = Places(tmp_path, ORIGIN)
     for part in np.split(np.arange(3000), [1700]):
         places.add(points[part], part.astype(float), part % 7)
     places.buckets.complete()
-    assert any(tmp_path.iterdir()) == (request.param == "on disk")
-    return points, places
-
-
-def test_points_come_back_from_their_squares(sorted_points, monkeypatch):
-    points, places = sorted_points
+    assert any(tmp_path.iterdir()) == (where == "on disk")
     squares = np.floor((points - ORIGIN)[:, :2] / PLACE_EDGE).astype(int)
     assert places.buckets.keys == sorted(set(map(tuple, squares.tolist())))
     for key in places.buckets.keys:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import written_las
+from upright_walls import scattered
 
 
 def write_npz(path, points, **arrays):
@@ -43,12 +44,8 @@ class Surfaces:
     def wall(cls, n, start, end, z=(1.0, 4.0), noise=0.0, seed=0):
         """Points on a wall from `start` to `end`, (x, y) from the origin; its normal is to the left of that way."""
         rng = np.random.default_rng(seed)
-        start, end = np.asarray(start, float), np.asarray(end, float)
-        along = (end - start) / np.linalg.norm(end - start)
-        normal = np.array([-along[1], along[0], 0.0])
-        at = start + rng.random((n, 1)) * (end - start)
-        points = np.column_stack([at, rng.uniform(*z, n)]) + rng.normal(0.0, noise, (n, 1)) * normal
-        return cls.origin + points, np.tile(normal, (n, 1))
+        points, normals = scattered(start, end, n, rng, z)
+        return cls.origin + points + rng.normal(0.0, noise, (n, 1)) * normals, normals
 
 
 @pytest.fixture(scope="session")

@@ -17,6 +17,8 @@ from maxcon.map.store import MapWriter
 from maxcon.mapping.build import MapOptions, build_map
 from maxcon.mapping.build.options import class_name, parse_classes
 
+ALL_CLASSES = {1, 2, 3, 4, 5, 6, 7, 18, 22, 64}
+
 
 @pytest.mark.parametrize("kind", ["npz", "ply", "las", "laz"])
 def test_voxels_are_those_of_the_same_points_in_memory(tmp_path, cloud_files, scene, kind):
@@ -33,8 +35,7 @@ def test_voxels_are_those_of_the_same_points_in_memory(tmp_path, cloud_files, sc
     assert_same_voxels(opened, PointMap.from_points(local, np.zeros_like(local), CELL), normals_too=False)
     read = read_manifest(tmp_path / "a.map")
     assert (manifest.build, manifest.n_points, manifest.origin) == (read.build, read.n_points, read.origin)
-    assert manifest.n_points == len(points)
-    assert left_over(tmp_path) == sorted(["a.map", path.name])
+    assert manifest.n_points == len(points) and left_over(tmp_path) == sorted(["a.map", path.name])
     assert left_over(tmp_path / "a.map") == ["manifest.json", "tiles"]
 
 
@@ -177,8 +178,7 @@ def test_isolated_points_and_lines_have_no_normal(tmp_path, cloud_files, surface
     line = origin + np.column_stack([np.linspace(10, 20, 2000), np.full(2000, 15.03), np.full(2000, 2.03)])
     build_map([cloud_files.npz(tmp_path / "a.npz", np.concatenate([alone, line]))], tmp_path / "a.map")
     _, counts, normals = PointMap.open(tmp_path / "a.map").all_voxels()
-    assert counts.sum() == 2003
-    assert not normals.any()
+    assert counts.sum() == 2003 and not normals.any()
 
 
 def test_own_normals_with_sides_are_averaged_as_in_memory(tmp_path, cloud_files, scene):
@@ -189,8 +189,7 @@ def test_own_normals_with_sides_are_averaged_as_in_memory(tmp_path, cloud_files,
     opened = PointMap.open(tmp_path / "a.map")
     local = scene - np.array(opened.frame.origin)
     assert_same_voxels(opened, PointMap.from_points(local, normals, CELL))
-    assert opened.is_signed
-    assert manifest.build["normals"] == "of the sources"
+    assert opened.is_signed and manifest.build["normals"] == "of the sources"
 
 
 def test_own_normals_whose_side_is_not_known_are_fitted_anew_or_turned_by_a_trajectory(tmp_path, cloud_files, surfaces):
@@ -206,9 +205,6 @@ def test_own_normals_whose_side_is_not_known_are_fitted_anew_or_turned_by_a_traj
     assert np.median(axis_errors_deg(normals, true[0])[normals.any(axis=1)]) < 3.0
     normals = PointMap.open(tmp_path / "b.map").all_voxels()[2]
     np.testing.assert_allclose(normals, np.tile([0.0, -1.0, 0.0], (len(normals), 1)), atol=1e-6)
-
-
-ALL_CLASSES = {1, 2, 3, 4, 5, 6, 7, 18, 22, 64}
 
 
 def test_the_crs_of_the_sources_is_the_maps(tmp_path, cloud_files, some_points):
@@ -285,8 +281,7 @@ def test_points_outside_the_trajectory_are_kept_without_a_side(tmp_path, cloud_f
     opened = PointMap.open(tmp_path / "a.map")
     indices, _, normals = opened.all_voxels()
     x = (indices[:, 0] + 0.5) * CELL + opened.frame.origin[0] - surfaces.origin[0]
-    assert not normals[x > 15.1].any()
-    assert (normals[x < 14.9, 1] < -0.9).mean() > 0.95
+    assert not normals[x > 15.1].any() and (normals[x < 14.9, 1] < -0.9).mean() > 0.95
 
 
 @pytest.fixture
@@ -295,14 +290,11 @@ def classified(tmp_path, cloud_files, surfaces):
     return cloud_files.las(tmp_path / "classified.laz", points, classes=np.repeat(sorted(ALL_CLASSES), 100))
 
 
-@pytest.mark.parametrize(
-    ("options", "dropped"),
-    [
-        ({}, {2, 3, 4, 5, 7, 18, 22}), ({"vehicle_classes": (64,)}, {2, 3, 4, 5, 7, 18, 22, 64}),
-        ({"drop": ["Vegetation", "6"]}, {3, 4, 5, 6}), ({"drop": ["high_vegetation", "NOISE"]}, {5, 7, 18}),
-        ({"drop": ["vehicles"], "vehicle_classes": iter([64, 22])}, {22, 64}), ({"drop": []}, set()),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "dropped"), [
+    ({}, {2, 3, 4, 5, 7, 18, 22}), ({"vehicle_classes": (64,)}, {2, 3, 4, 5, 7, 18, 22, 64}),
+    ({"drop": ["Vegetation", "6"]}, {3, 4, 5, 6}), ({"drop": ["high_vegetation", "NOISE"]}, {5, 7, 18}),
+    ({"drop": ["vehicles"], "vehicle_classes": iter([64, 22])}, {22, 64}), ({"drop": []}, set()),
+])  # fmt: skip
 def test_classes_are_dropped_by_name_and_number(tmp_path, classified, options, dropped):
     manifest = build_map([classified], tmp_path / "a.map", MapOptions(**options))
     (source,) = manifest.build["sources"]
@@ -349,8 +341,7 @@ def test_nothing_left_is_no_map(tmp_path, classified, cloud_files):
 def test_classes_by_name_and_number():
     assert parse_classes(["ground"]) == {2, 11, 20}
     assert parse_classes([" Vegetation ", "low_vegetation", "17"]) == {3, 4, 5, 17}
-    assert parse_classes([]) == frozenset()
-    assert parse_classes(["vehicle"], [64, 65]) == {64, 65}
+    assert parse_classes([]) == frozenset() and parse_classes(["vehicle"], [64, 65]) == {64, 65}
     assert parse_classes(["0", "255"]) == {0, 255}
     names = ["unclassified", "ground", "high-vegetation", "class 64"]
     assert [class_name(number) for number in (0, 2, 5, 64)] == names

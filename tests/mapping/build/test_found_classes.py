@@ -16,6 +16,8 @@ from maxcon.mapping.build.tiles import TileJob, TileMaker
 CELL = 0.06
 ORIGIN = np.array([458_800.0, 5_429_000.0, 100.0])
 STANDING, GROUND, TEMPORARY = 1, 2, 22
+BUILDING = np.full(200_000, 6)
+NOISE = np.where(np.arange(200_000) < 100, 7, 1)
 
 
 def box(low, high, spacing=0.05):
@@ -139,18 +141,15 @@ def test_what_one_of_two_passes_saw_is_temporary_and_nothing_else_is(tmp_path, t
     parts, times = two_passes
     classes, reason = found_in(tmp_path / "a", np.concatenate(parts), times)
     ground, house, car, bin_, *_ = split(classes, parts)
-    assert share(car[parts[2][:, 2] > 0.8], TEMPORARY) > 0.95
-    assert share(house, TEMPORARY) == 0.0
-    assert share(bin_, TEMPORARY) == 0.0
-    assert share(ground, GROUND) > 0.97
+    assert share(car[parts[2][:, 2] > 0.8], TEMPORARY) > 0.95 and share(house, TEMPORARY) == 0.0
+    assert share(bin_, TEMPORARY) == 0.0 and share(ground, GROUND) > 0.97
     assert reason == ""
     for name, of_points, reason in (
         ("light", np.minimum(times, 60.0), "one pass only"),  # 40 s apart: a red light
         ("none", None, "the clouds have no times to tell passes apart by"),
     ):
         classes, said = found_in(tmp_path / name, np.concatenate(parts), of_points)
-        assert share(classes, TEMPORARY) == 0.0
-        assert said == reason
+        assert share(classes, TEMPORARY) == 0.0 and said == reason
 
 
 def test_the_order_of_the_points_and_their_parts_change_nothing(tmp_path, two_passes):
@@ -180,22 +179,15 @@ def test_the_ground_is_the_same_from_the_tile_beside(tmp_path):
     assert np.isfinite(left[4:30]).all()
 
 
-BUILDING = np.full(200_000, 6)
-NOISE = np.where(np.arange(200_000) < 100, 7, 1)
-
-
-@pytest.mark.parametrize(
-    ("classes", "options", "left_out"),
-    [
-        (BUILDING, {"classify": "auto"}, None),
-        (BUILDING, {"classify": "off"}, None),
-        (0 * NOISE, {"classify": "auto", "cell": 0.5}, None),  # shapes cannot be told in large voxels
-        (BUILDING, {"classify": "always"}, ("2", "22")),
-        (NOISE, {"classify": "auto"}, ("2", "22")),  # noise is no classification
-        (0 * NOISE, {"classify": "auto", "drop": ("temporal-exclusion",)}, ("22",)),
-        (0 * NOISE, {"classify": "always", "drop": ()}, ()),
-    ],
-)
+@pytest.mark.parametrize(("classes", "options", "left_out"), [
+    (BUILDING, {"classify": "auto"}, None),
+    (BUILDING, {"classify": "off"}, None),
+    (0 * NOISE, {"classify": "auto", "cell": 0.5}, None),  # shapes cannot be told in large voxels
+    (BUILDING, {"classify": "always"}, ("2", "22")),
+    (NOISE, {"classify": "auto"}, ("2", "22")),  # noise is no classification
+    (0 * NOISE, {"classify": "auto", "drop": ("temporal-exclusion",)}, ("22",)),
+    (0 * NOISE, {"classify": "always", "drop": ()}, ()),
+])  # fmt: skip
 def test_when_classes_are_found_and_which_are_dropped(tmp_path, cloud_files, two_passes, classes, options, left_out):
     parts, times = two_passes
     points, times = ORIGIN + np.concatenate(parts)[::2], times[::2]
@@ -255,20 +247,12 @@ def test_a_bridge_is_another_level(tmp_path, cloud_files):
     np.testing.assert_allclose(levels, [0.0, 5.0], atol=0.02)
 
 
-@pytest.fixture
-def street():
-    """Unclassified: a sloping road with a kerb, a car on it, a hedge's top and a roof."""
-    return np.concatenate(
-        [
-            surface((1.0, 14.0), (1.0, 9.0), lambda x, y: road(x, y) + 0.12 * (y > 7.0)),
-            surface((5.0, 9.0), (3.0, 4.7), lambda x, y: road(x, y) + 1.5, seed=1),
-            surface((1.0, 14.0), (8.0, 9.0), lambda x, y: road(x, y) + 1.2, seed=2),
-            facade(9.5),
-        ]
-    )
-
-
-def test_without_classes_the_ground_is_the_lowest_of_level_surfaces(tmp_path, cloud_files, street):
+def test_without_classes_the_ground_is_the_lowest_of_level_surfaces(tmp_path, cloud_files):
+    """Of a sloping road with a kerb, a car on it, a hedge's top and a facade."""
+    paved = surface((1.0, 14.0), (1.0, 9.0), lambda x, y: road(x, y) + 0.12 * (y > 7.0))
+    car = surface((5.0, 9.0), (3.0, 4.7), lambda x, y: road(x, y) + 1.5, seed=1)
+    hedge = surface((1.0, 14.0), (8.0, 9.0), lambda x, y: road(x, y) + 1.2, seed=2)
+    street = np.concatenate([paved, car, hedge, facade(9.5)])
     manifest = build_map([cloud_files.npz(tmp_path / "a.npz", street)], tmp_path / "a.map")
     assert manifest.build["ground"] == "of level surfaces"
     for x, y in ((3.0, 3.0), (12.0, 5.0), (7.0, 3.9), (4.0, 8.4)):

@@ -94,8 +94,7 @@ def test_passes_that_cannot_be_compared():
     waiting.times[waiting.times > PAUSE] -= PAUSE - 55.0  # a vehicle that waits makes no second pass
     assert waiting.compared().shortcoming == "one pass only"
     short = Street(drawn(2, 0.02, n_walls=14)).compared()  # 28 s each
-    assert short.n_places > 0
-    assert not short.is_enough
+    assert short.n_places > 0 and not short.is_enough
     assert "half minutes only" in short.shortcoming
     rng = np.random.default_rng(0)
     for n_points in (0, 1, 19, 1000):
@@ -128,8 +127,7 @@ def test_all_points_are_kept_while_they_are_few_by_place_and_time():
     inside = points - (cubes + 0.5) * PLACE_EDGE
     np.testing.assert_allclose(records["inside"][np.argsort(records["time"])], inside[np.argsort(times)], atol=1e-6)
     steps = np.diff(records["place"].astype(object))
-    assert (steps >= 0).all()
-    assert (np.diff(records["time"])[steps == 0] >= 0.0).all()
+    assert (steps >= 0).all() and (np.diff(records["time"])[steps == 0] >= 0.0).all()
 
 
 @pytest.mark.parametrize("most_points", [12_000, 700])
@@ -150,21 +148,17 @@ def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files):
     street = Street(drawn(3, 0.02))
     manifest = build_map([cloud_files.las(tmp_path / "a.laz", street.points, times=street.times)], tmp_path / "a.map")
     known = manifest.build["sigma"]
-    assert (known["from"], known["n_passes"]) == ("passes", 3)
-    assert known["n_places"] >= 50
+    assert (known["from"], known["n_passes"]) == ("passes", 3) and known["n_places"] >= 50
     assert known["sigma_of_pass"] == pytest.approx(street.sigma_of_pass, rel=0.06)
     assert manifest.sigma == pytest.approx(known["sigma_of_pass"] / np.sqrt(3.0), rel=0.05)
     assert PointMap.open(tmp_path / "a.map").sigma == manifest.sigma
 
 
-@pytest.mark.parametrize(
-    ("has_times", "sigma", "wanted", "said"),
-    [
-        (True, None, 0.02, {"from": "assumed", "reason": "one pass only"}),
-        (False, None, 0.02, {"from": "assumed", "reason": "no planes of points with times"}),
-        (True, 0, 0.0, {"from": "given"}),
-    ],
-)
+@pytest.mark.parametrize(("has_times", "sigma", "wanted", "said"), [
+    (True, None, 0.02, {"from": "assumed", "reason": "one pass only"}),
+    (False, None, 0.02, {"from": "assumed", "reason": "no planes of points with times"}),
+    (True, 0, 0.0, {"from": "given"}),
+])  # fmt: skip
 def test_what_leaves_it_assumed_or_given(tmp_path, cloud_files, has_times, sigma, wanted, said):
     street = Street(drawn(1, 0.0, n_walls=10))
     path = cloud_files.npz(tmp_path / "a.npz", street.points, times=street.times if has_times else None)

@@ -19,6 +19,7 @@ if sys.platform == "win32":
     pytest.skip("no POSIX signals to kill a worker with", allow_module_level=True)
 
 CELL, N_POINTS = 0.06, 123_000
+OPTIONS = {"plain": MapOptions(classify="off"), "classes found": MapOptions(classify="always")}
 
 
 @pytest.fixture(scope="module")
@@ -41,15 +42,8 @@ def cloud(street, cloud_files, tmp_path):
     return cloud_files.las(tmp_path / "street.laz", street[0], times=street[1])
 
 
-OPTIONS = {"plain": MapOptions(classify="off"), "classes found": MapOptions(classify="always")}
-
-
-@pytest.fixture(scope="module", params=OPTIONS)
-def options(request):
-    return OPTIONS[request.param]
-
-
 @pytest.mark.clusters
+@pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
 def test_two_workers_make_the_map_that_threads_make(cloud, options, tmp_path):
     build_map([cloud], tmp_path / "threads.map", options, n_threads=2)
     build_map([cloud], tmp_path / "workers.map", options, engine=Engine(2))

@@ -15,6 +15,7 @@ from maxcon.mapping.build import MapOptions, build_map, tile_points
 from maxcon.mapping.build.point_statistics import MARGIN, SQUARE, PointSpacing, nearest_distances, point_spacing
 
 SEEDS = st.integers(0, 2**32)
+EDGE = TILE_VOXELS * CELL
 
 
 def moments_by_loop(points, sides, cell):
@@ -120,9 +121,6 @@ def test_the_halo_is_what_the_coarsest_neighbourhoods_reach():
 
     np.testing.assert_array_equal(normals(tile_points.HALO_VOXELS), normals(tile_points.PADDING))
     assert (normals(tile_points.HALO_VOXELS - 1) != normals(tile_points.PADDING)).any()
-
-
-EDGE = TILE_VOXELS * CELL
 
 
 def flat(x, y):

@@ -15,6 +15,9 @@ from maxcon.mapping.update.ray_kernels import add_observation, are_far_from_voxe
 CELL = 0.1
 MARGIN = 0.15
 WEIGHTS = (0.85, -0.4, -2.0, 3.5)
+FRONT = {"voxel": (50, 0, 10), "mean": (5.03, 0.05, 1.05), "normal": (-1.0, 0.0, 0.0)}
+BUSH = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 0.0, 0.0)}
+SIDE = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 1.0, 0.0)}
 
 
 def is_missed(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.2, reach=50.0):
@@ -22,28 +25,20 @@ def is_missed(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.2,
     return bool(is_miss(np.array(origin), np.array(end), *arrays, CELL, margin, least_cosine, reach)[0])
 
 
-FRONT = {"voxel": (50, 0, 10), "mean": (5.03, 0.05, 1.05), "normal": (-1.0, 0.0, 0.0)}
-BUSH = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 0.0, 0.0)}
-SIDE = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 1.0, 0.0)}
-
-
-@pytest.mark.parametrize(
-    ("origin", "end", "more", "expected"),
-    [
-        ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT, True),  # the wall behind a vanished car
-        ((0.0, 0.05, 1.05), (5.03, 0.05, 1.05), FRONT, False),  # ends on the surface
-        ((0.0, 0.05, 1.05), (5.13, 0.05, 1.05), FRONT, False),  # ends on it but for noise
-        ((0.0, 0.05, 1.05), (3.0, 0.05, 1.05), FRONT, False),  # hidden
-        ((0.0, 0.15, 1.05), (9.0, 0.15, 1.05), FRONT, False),  # beside the voxel
-        ((6.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT, False),  # the other way
-        ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT | {"reach": 5.0}, False),  # beyond the reach
-        ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), BUSH, True),  # no normal: a close ray and twice the margin
-        ((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN + 0.01, 0.05, 1.05), BUSH, True),
-        ((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN - 0.01, 0.05, 1.05), BUSH, False),
-        ((0.0, 0.002, 1.002), (9.0, 0.002, 1.002), BUSH, False),
-        ((0.0, -0.05, 1.05), (20.0, 0.35, 1.05), SIDE | {"margin": 0.001}, False),  # a flat ray
-    ],
-)
+@pytest.mark.parametrize(("origin", "end", "more", "expected"), [
+    ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT, True),  # the wall behind a vanished car
+    ((0.0, 0.05, 1.05), (5.03, 0.05, 1.05), FRONT, False),  # ends on the surface
+    ((0.0, 0.05, 1.05), (5.13, 0.05, 1.05), FRONT, False),  # ends on it but for noise
+    ((0.0, 0.05, 1.05), (3.0, 0.05, 1.05), FRONT, False),  # hidden
+    ((0.0, 0.15, 1.05), (9.0, 0.15, 1.05), FRONT, False),  # beside the voxel
+    ((6.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT, False),  # the other way
+    ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT | {"reach": 5.0}, False),  # beyond the reach
+    ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), BUSH, True),  # no normal: a close ray and twice the margin
+    ((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN + 0.01, 0.05, 1.05), BUSH, True),
+    ((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN - 0.01, 0.05, 1.05), BUSH, False),
+    ((0.0, 0.002, 1.002), (9.0, 0.002, 1.002), BUSH, False),
+    ((0.0, -0.05, 1.05), (20.0, 0.35, 1.05), SIDE | {"margin": 0.001}, False),  # a flat ray
+])  # fmt: skip
 def test_what_a_ray_says_of_a_voxel(origin, end, more, expected):
     assert is_missed(origin, end, **more) == expected
 

@@ -62,18 +62,15 @@ def voxels_of(folder, which):
 def test_what_was_missed_is_gone_what_was_hit_is_new_and_a_search_does_not_meet_it(street, updated):
     was = voxels_of(street, SurfaceClass.KNOWN)
     known, gone, new = (voxels_of(updated, each) for each in (SurfaceClass.KNOWN, SurfaceClass.GONE, SurfaceClass.NEW))
-    assert inside(gone, CAR).all()
-    assert len(gone) > 0.9 * (len(gone) + inside(known, CAR).sum())
+    assert inside(gone, CAR).all() and len(gone) > 0.9 * (len(gone) + inside(known, CAR).sum())
     assert inside(known, WALL).sum() == inside(was, WALL).sum()
-    assert len(known) + len(gone) == len(was)
-    assert len(new) > 1000
+    assert len(known) + len(gone) == len(was) and len(new) > 1000
     assert inside(new, OTHER_CAR).all()  # and not of the car that passed
     assert (new[:, 2] > 0.2).all()  # nor of the road
     opened = PointMap.open(updated)
     tiles = [opened.tile(key) for key in opened.tile_keys]
     points = np.concatenate([tile.mean_points(CELL) for tile in tiles])
-    assert inside(points, CAR, margin=0.0).sum() <= 0.1 * len(gone)
-    assert tiles[0].classes is None
+    assert inside(points, CAR, margin=0.0).sum() <= 0.1 * len(gone) and tiles[0].classes is None
     (said,) = read_manifest(updated).build["updates"]
     assert said["parent"]["sha256"] == json.loads((street / "manifest.json").read_text())["sha256"]
     assert said["drives"][0]["n_looks"] == 40
@@ -90,8 +87,7 @@ def test_a_car_that_comes_back_is_new_again(street, updated, tmp_path):
     n_before = inside(voxels_of(updated, SurfaceClass.NEW), OTHER_CAR).sum()
     assert inside(back, OTHER_CAR).sum() < 0.1 * n_before  # it has left meanwhile
     said = read_manifest(third).build["updates"]
-    assert [len(each["drives"]) for each in said] == [1, 1]
-    assert said[1]["n_back"] > 1000
+    assert [len(each["drives"]) for each in said] == [1, 1] and said[1]["n_back"] > 1000
     assert said[1]["parent"]["sha256"] == json.loads((updated / "manifest.json").read_text())["sha256"]
 
 
@@ -109,8 +105,7 @@ def test_the_same_street_does_not_change_and_one_place_says_nothing_however_long
     for number, (one, least) in enumerate(zip(drives, (5_000, 0), strict=True)):
         update_map(street, [one], tmp_path / f"{number}.map")
         said = read_manifest(tmp_path / f"{number}.map").build["updates"][0]
-        assert (said["n_gone"], said["n_new"]) == (0, 0)
-        assert said["n_judged"] > least
+        assert (said["n_gone"], said["n_new"]) == (0, 0) and said["n_judged"] > least
 
 
 def test_tiles_come_and_go_from_memory_without_a_trace(street, updated, tmp_path, monkeypatch):
