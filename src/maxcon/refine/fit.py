@@ -27,10 +27,10 @@ found."""
 FARTHEST, TOGETHER, DISPLACED = 1.6, 0.24, 0.4
 """They are displaced if of the points that lie on walls of the map, or up to so far beside one that faces alike, all
 within so much of another, m, more than this fraction lies beside."""
-MOST_HIDDEN_FOUND = 0.05
-"""Nearer than walls of the map they may be new, and hide these, unless at most this fraction of the side is found."""
 FOUND_BEFORE = 2
 """Added to the number of found points: few are less certain than many."""
+MOST_HIDDEN_FOUND = 0.05
+"""Walls nearer than those of the map may be new, and hide these, unless at most this ratio of the side is found."""
 NEAR, CLOSE, FEWEST_NEAR = 0.21, 0.05, 200
 """Of so many points nearer to their planes than the first, m, the ratio that is nearer than the second tells whether
 the map explains the scan: at wrong places points lie near some plane by chance."""
