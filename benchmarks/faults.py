@@ -154,6 +154,7 @@ FAULTS = {
     "left side 0.3 m off": Fault(aside(lambda x, y, z: y > 2.5, 0.3)),
     "left side 0.5 m off": Fault(aside(lambda x, y, z: y > 2.5, 0.5)),
     "left side 1 m off": Fault(aside(lambda x, y, z: y > 2.5, 1.0)),
+    "left side 1 m nearer": Fault(aside(lambda x, y, z: y > 2.5, -1.0)),
     "facade 0.3 m nearer": Fault(aside(lambda x, y, z: (y > 2.5) & (np.abs(x) < 15.0) & (z > -1.2), -0.3)),
     "front half 0.3 m aside": Fault(aside(lambda x, y, z: x > 0.0, 0.3)),
     "sector of 90 degrees": Fault(within(45.0)),

@@ -195,6 +195,14 @@ def _recordings(folder: Path) -> Iterator[Seed]:
     yield _of_file("pcap", "recording", write_capture(folder / "drive.pcap", turn, [1_600_000_000.0]))
     for name in ("tf.bag", "tf.mcap"):
         yield _of_file(name, "transforms", write_entries(folder / name, _transforms()))
+    yield _of_file("livox.bag", "scan", write_entries(folder / "livox.bag", [_livox()]))
+
+
+def _livox() -> Entry:
+    """A message of Livox's driver."""
+    points = [dict(offset_time=250_000 * i, x=3.0 + i, y=float(i), z=1.0, line=i % 4) for i in range(N_POINTS)]
+    content = {"timebase": 10**9, "point_num": N_POINTS, "rsvd": np.zeros(3, np.uint8), "points": points}
+    return Entry(1.0, "/livox/lidar", "livox_ros_driver/msg/CustomMsg", content)
 
 
 def _transforms() -> Iterator[Entry]:

@@ -241,7 +241,7 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
             scanner = _described(source.label, n_turns, _reads(source))
         return RecordingDescription(recorded.topics_of_capture(Path(path)), (), (scanner,))
     with open_recording(path) as recording:
-        with_clouds = recording.of_type(recorded.CLOUD, recorded.VELODYNE)
+        with_clouds = recording.of_type(*recorded.CLOUDS, recorded.VELODYNE)
         chosen = with_clouds if topic is None else [recorded.topic_of_clouds(recording, topic)]
         sources = [(each, recorded.TopicOfClouds(recording, each)) for each in chosen]
         scanners = [_described(each.name, each.n_messages, _reads(source)) for each, source in sources]

@@ -29,6 +29,8 @@ FARTHEST, TOGETHER, DISPLACED = 1.6, 0.24, 0.4
 agree within so much, m, and the points beside are more than this ratio of those beside and those found."""
 FOUND_BEFORE = 2
 """Added to the number of found points: few are less certain than many."""
+MOST_HIDDEN_FOUND = 0.05
+"""Walls nearer than those of the map may be new, and hide these, unless at most this ratio of the side is found."""
 NEAR, CLOSE, FEWEST_NEAR = 0.21, 0.05, 200
 """Of the points within `NEAR` of their planes, m, the ratio within `CLOSE` tells whether the map explains the scan: at
 wrong places points lie near some plane by chance. Fewer points tell nothing."""
@@ -121,7 +123,7 @@ def _displaced_sides(partners: Partners, point_map: PointMap, table: VoxelTable)
     """The misfit, and words, where walls to one side lie beside walls of the map that face alike, all as far off.
 
     A map that is off on one side, and a scan stretched during its turn, displace one side. Walls that are merely not
-    found may be new.
+    found may be new, and so may be what hides walls of the map, such as a scaffold, while others of them are found.
     """
     is_wall = np.abs(partners.normals @ partners.pose.rotation[2]) < LEVEL
     is_found, is_left, doubts = partners.patches >= 0, partners.points[:, 1] > 0.0, []
@@ -133,16 +135,21 @@ def _displaced_sides(partners: Partners, point_map: PointMap, table: VoxelTable)
             if n < SIDE_POINTS or n_found > MOST_FOUND * n:
                 continue
             chosen = np.flatnonzero(on_side & ~is_found)
-            distances = partners.distances_within(FARTHEST, chosen, point_map, table)
-            offsets = np.sort((distances * np.sign(partners.normals[chosen, axis]))[np.isfinite(distances)])
+            behind = partners.distances_within(FARTHEST, chosen, point_map, table)
+            chosen, behind = chosen[np.isfinite(behind)], behind[np.isfinite(behind)]
+            offsets = behind * np.sign(partners.normals[chosen, axis])
+            order = np.argsort(offsets, kind="stable")
+            offsets, behind = offsets[order], behind[order]
             beside = np.searchsorted(offsets, offsets + TOGETHER, "right") - np.arange(len(offsets))
             n_beside = int(beside.max(initial=0))
             ratio = n_beside / (n_beside + n_found + FOUND_BEFORE)
             if ratio > DISPLACED:
                 first = int(np.argmax(beside))
-                off = abs(float(np.median(offsets[first : first + n_beside])))
+                off = float(np.median(behind[first : first + n_beside]))
+                if off < 0.0 and n_found > MOST_HIDDEN_FOUND * n:
+                    continue
                 found = f"of {n} wall points to the {words} facing {facing} {n_found} are found"
-                doubts.append((ratio / DISPLACED, f"{found}, and {n_beside} lie {off:.1f} m beside the map"))
+                doubts.append((ratio / DISPLACED, f"{found}, and {n_beside} lie {abs(off):.1f} m beside the map"))
     return doubts
 
 

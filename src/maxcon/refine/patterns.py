@@ -158,9 +158,14 @@ class Partners:
     def distances_within(
         self, gate: float, chosen: NDArray[np.int64], point_map: PointMap, table: VoxelTable
     ) -> NDArray[np.float64]:
-        """Distances of chosen points from the nearest planes along their normals, m, infinite beyond a gate."""
+        """How far chosen points lie behind the nearest planes along their normals, m (before them: below 0).
+
+        Infinite beyond a gate.
+        """
         points, normals = self.points[chosen], self.normals[chosen]
-        return planes_within(gate, points, normals, self.pose, point_map, table)[1]
+        planes, distances = planes_within(gate, points, normals, self.pose, point_map, table)
+        towards_sensor = np.einsum("ij,ij->i", planes[:, :3], normals @ self.pose.rotation.T)
+        return np.asarray(np.copysign(1.0, towards_sensor) * distances)
 
 
 def planes_within(

@@ -23,12 +23,13 @@ from maxcon.errors import FileError, needs_extra
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.point_records import CloudPoints, decode_points, decode_times, records_of_message
 from maxcon.io.raw_scan import RawScan, Scans, scan_within
+from maxcon.io.recordings.livox import LIVOX, records_of_livox
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
 from maxcon.io.recordings.recording import Message, Recording, Topic, choose_topic, decode_message, frame_of, stamp_of
 from maxcon.io.text import printable
 
 T = TypeVar("T")
-CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan"
+CLOUDS, VELODYNE = ("sensor_msgs/msg/PointCloud2", *LIVOX), "velodyne_msgs/msg/VelodyneScan"
 PACKET_BYTES, POSITION_BYTES = 1206, (512, 554)  # of a Velodyne's data, and of its GNSS receiver's position
 LOOKED_AT = 2000  # UDP packets that are read to find out whether they are a Velodyne's
 HEADER_BYTES = 24  # of a capture file
@@ -70,7 +71,7 @@ def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> Cloud
 def topic_of_clouds(recording: Recording, name: str | None) -> Topic:
     """Return the topic with the clouds; packets of the scanner may have been recorded beside it."""
     advice = "If these are packets, record the cloud of the scanner's driver."
-    return choose_topic(recording, name, (CLOUD, VELODYNE), CLOUD, "point clouds", "--topic", lambda: advice)
+    return choose_topic(recording, name, (*CLOUDS, VELODYNE), CLOUDS, "point clouds", "--topic", lambda: advice)
 
 
 class TopicOfClouds:
@@ -101,6 +102,9 @@ def _cloud(message: Message, label: str) -> RecordedCloud:
     stamp = message.recorded
     try:
         with as_file_error(Path(label), "a message of a cloud"):
+            if message.type in LIVOX:
+                captured, records = records_of_livox(message)
+                return RecordedCloud(label, message.recorded, captured or stamp, records)
             content = decode_message(message)
             stamp = stamp_of(content, message.recorded)
             if message.type == VELODYNE:

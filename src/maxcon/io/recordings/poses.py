@@ -101,7 +101,7 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
         of_frames = f" Or choose two of the frames {listed}: {option}-frames FIXED:MOVING." if frames else ""
         return f"Give a file: {option}.{of_frames}"
 
-    return choose_topic(recording, name, kinds, preferred, "poses", f"{option}-topic", advice)
+    return choose_topic(recording, name, kinds, (preferred,), "poses", f"{option}-topic", advice)
 
 
 def _rows(

@@ -23,6 +23,15 @@ ADDED = {
     "velodyne_msgs/msg/VelodynePacket": "time stamp\nuint8[1206] data\n",
     "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n",
 }
+LIVOX_PACKAGES = ("livox_ros_driver", "livox_ros_driver2", "livox_interfaces")  # of drivers, old and new
+for _package in LIVOX_PACKAGES:
+    ADDED[f"{_package}/msg/CustomPoint"] = (
+        "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\nuint8 tag\nuint8 line\n"
+    )
+    ADDED[f"{_package}/msg/CustomMsg"] = (
+        "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
+        "CustomPoint[] points\n"
+    )
 """Definitions of messages that rosbags lacks for ROS 1 or ROS 2."""
 FLOAT32 = 7  # code in sensor_msgs/PointField
 
@@ -80,10 +89,10 @@ class Recording:
 
 
 def choose_topic(
-    recording: Recording, name: str | None, kinds: Sequence[str], preferred: str, what: str, option: str,
+    recording: Recording, name: str | None, kinds: Sequence[str], preferred: Collection[str], what: str, option: str,
     otherwise: Callable[[], str],
 ) -> Topic:  # fmt: skip
-    """Return the topic asked for, or the only one of some kinds, or of several the only one of the preferred kind."""
+    """Return the topic asked for, or the only one of some kinds, or of several the only one of the preferred kinds."""
     found = recording.of_type(*kinds)
     if name is not None:
         if named := [topic for topic in found if topic.name == name]:
@@ -92,14 +101,14 @@ def choose_topic(
         raise OptionError(
             f"Expected {what} in the topic {name} of {recording.path}, got {got}. Ask for {_listed(found) or 'none'}."
         )
-    for topics in (found, [topic for topic in found if topic.type == preferred]):
+    for topics in (found, [topic for topic in found if topic.type in preferred]):
         if len(topics) == 1:
             return topics[0]
     if found:
         raise FileError(
             f"Expected one topic of {what} in {recording.path}, got {_listed(found)}. Choose one with {option}."
         )
-    wanted = ", ".join(kind.rpartition("/")[2] for kind in kinds)
+    wanted = ", ".join(dict.fromkeys(kind.rpartition("/")[2] for kind in kinds))
     raise FileError(
         f"Expected {what} ({wanted}) in {recording.path}, got {_listed(recording.topics) or 'no messages'}."
         f" {otherwise()}"
