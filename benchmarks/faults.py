@@ -85,6 +85,16 @@ def not_deskewed(speed, turn_rate_deg=0.0):
     return change
 
 
+def put_together(n_sweeps, step):
+    """Sweeps put together as if the vehicle, so many metres farther on in each, had stood; the pose is the last's."""
+
+    def change(points, rng):
+        sweeps_later = rng.integers(0, n_sweeps, len(points))
+        return points + np.outer(step * sweeps_later, [1.0, 0.0, 0.0])
+
+    return change
+
+
 def aside(choose, by):
     """The points that `choose` finds lie so far to the left, m."""
 
@@ -146,6 +156,8 @@ FAULTS = {
     "turning 20 degrees/s": Fault(not_deskewed(0.0, 20.0)),
     "10 m/s and 30 degrees/s": Fault(not_deskewed(10.0, 30.0)),
     "8 m/s and -25 degrees/s": Fault(not_deskewed(8.0, -25.0)),
+    "5 sweeps at 0.1 m": Fault(put_together(5, 0.1)),
+    "5 sweeps at 0.2 m": Fault(put_together(5, 0.2)),
     "scale +1 %": Fault(lambda points, rng: 1.01 * points),
     "scale -2 %": Fault(lambda points, rng: 0.98 * points),
     "range +0.2 m": Fault(lambda points, rng: lengthened(points, 0.2)),

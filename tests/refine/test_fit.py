@@ -71,6 +71,14 @@ def test_a_scan_taken_in_a_bend_is_stretched_and_twisted_and_both_are_corrected(
     assert all(word in found.words for word in ("stretched", "twisted"))
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_walls_ahead_without_normals_where_those_aside_have_some_are_those_of_sweeps_put_together(axis):
+    point_map, scan = town(1)
+    blurred = np.where(np.abs(scan.normals[:, axis : axis + 1]) > 0.6, 0.0, scan.normals)
+    found = fitted(Scan(scan.points, blurred), point_map)
+    assert (found.misfit > 1.0) == ("are sweeps put together without their motion?" in found.words) == (axis == 0)
+
+
 @pytest.mark.parametrize("pattern", [STRETCHED, STRETCHED_AHEAD, TWISTED])
 def test_a_turn_that_begins_on_the_other_side_is_tried_where_it_moves_one_side_of_the_scan_alike(pattern):
     point_map, scan = town(1)

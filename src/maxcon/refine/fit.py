@@ -37,6 +37,8 @@ wrong places points lie near some plane by chance. Fewer points tell nothing."""
 LEAST_CLOSE, THIN, LOSS, SMALL_CELL = 0.77, 0.025, 8.0, 0.09
 """This ratio must be close if the scan's surfaces are no thicker than `THIN`, m, and the map's sigma no larger; else
 less, by `LOSS` times the difference. Maps of larger cells than `SMALL_CELL`, m, blur surfaces, and are not tested."""
+FEWEST_AHEAD, LEAST_AHEAD = 50.0, 0.12
+"""Of points on walls ahead, if they weigh so much, the share with a normal is at least this ratio of that aside."""
 NEIGHBOURS, FEWEST_PAIRS, MOST_PAIRS = 0.6, 50, 2000
 """The thickness of a scan's surfaces is how far the next point lies from a point's plane, in the median of so many
 pairs that are nearer to each other, m."""
@@ -97,7 +99,7 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
             break
     doubts += [
         *_patches_beside(partners, point_map.cell), *_displaced_sides(partners, point_map, table),
-        *_loose(refined, point_map),
+        *_loose(refined, point_map), *_smeared(refined),
     ]  # fmt: skip
     misfit, words = max((each for each, _ in doubts), default=0.0), "; ".join(words for _, words in doubts)
     return Fit(misfit, words, refined, errors)
@@ -168,6 +170,26 @@ def _loose(refined: Refined, point_map: PointMap) -> list[tuple[float, str]]:
         return []
     words = f"of the points within {NEAR:g} m of the map's surfaces {ratio:.0%} lie within {CLOSE:g} m of them"
     return [(least / max(ratio, 1e-9), words)]
+
+
+def _smeared(refined: Refined) -> list[tuple[float, str]]:
+    """The misfit, and words, if hardly any point on walls ahead has a normal of its own, as those aside have.
+
+    Sweeps that are put together without the vehicle's motion blur what it drives towards.
+    """
+    on_walls = np.flatnonzero((refined.weights > 0.0) & (np.abs(refined.planes[:, 2]) < LEVEL))
+    facing = np.abs(refined.planes[on_walls, :3] @ refined.pose.rotation[:, :2]) > FACING
+    weights, has_normal = refined.weights[on_walls], refined.normals[on_walls].any(axis=1)
+    (ahead, aside), (own_ahead, own_aside) = weights @ facing, (weights * has_normal) @ facing
+    if min(ahead, aside) < FEWEST_AHEAD or own_aside == 0.0:
+        return []
+    ratio = own_ahead / ahead / (own_aside / aside)
+    if ratio >= LEAST_AHEAD:
+        return []
+    words = (
+        f"of the points on walls ahead and behind {own_ahead / ahead:.0%} have a normal, aside {own_aside / aside:.0%}"
+    )
+    return [(LEAST_AHEAD / max(ratio, 1e-9), f"{words}: are sweeps put together without their motion?")]
 
 
 def surface_thickness(points: NDArray[np.float64], normals: NDArray[np.float64]) -> float | None:
