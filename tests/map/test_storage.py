@@ -184,7 +184,8 @@ def test_a_server_that_says_nothing(bucket, monkeypatch):
         refused(f"{bucket}/city", "timed out")
 
 
-def test_no_permission(shards, bucket, refusing, monkeypatch):
+def test_no_permission_and_no_keys(shards, bucket, monkeypatch, refusing):
+    """Without keys, those of a machine of Amazon are asked for, of an address that only such machines reach."""
     monkeypatch.setenv("AWS_ENDPOINT_URL", refusing)
     refused(f"{bucket}/city", "no permission: check AWS_ACCESS_KEY_ID and its rights")
     with pytest.raises(FileError, match=r"to be able to write .* got: no permission"):
@@ -193,11 +194,7 @@ def test_no_permission(shards, bucket, refusing, monkeypatch):
     refused(f"{bucket}/city", "no permission without keys, as AWS_SKIP_SIGNATURE asks for: set AWS_ACCESS_KEY_ID and")
     with pytest.raises(MapError, match=r"got: no permission\. Check"):
         PointMap.open(f"{refusing}/city.map")
-
-
-def test_no_keys(bucket, refusing, monkeypatch):
-    """Then those of a machine of Amazon are asked for, of an address that only such machines reach."""
-    monkeypatch.setenv("AWS_ENDPOINT_URL", refusing)
+    monkeypatch.delenv("AWS_SKIP_SIGNATURE")
     monkeypatch.setenv("AWS_METADATA_ENDPOINT", refusing)  # so that nothing outside of this machine is asked
     monkeypatch.delenv("AWS_ACCESS_KEY_ID")
     refused(f"{bucket}/city", "half of the keys: set both, AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY")
