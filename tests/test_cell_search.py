@@ -10,6 +10,7 @@ import pytest
 from maxcon import Accumulator, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust, cell_search
 from maxcon.cell_search import BestCell, CellSearch, is_at_boundary
 from maxcon.integrity import reasons_to_doubt_answer
+from upright_walls import joined, on_grid
 
 CELL = 0.06
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -23,11 +24,8 @@ FEW = np.array([4.0, 1.2, 0.0, 2.5])
 @pytest.fixture
 def corner():
     """A scan of two walls at right angles, and the map of them."""
-    at = np.arange(-4.0, 4.0, 0.05)
-    points = np.concatenate(
-        [np.column_stack([at, 0 * at + 4.03, 0 * at]), np.column_stack([0 * at + 4.03, at, 0 * at])]
-    )
-    normals = np.repeat([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]], len(at), axis=0)
+    ways = ((3.95, 4.03), (-4.05, 4.03)), ((4.03, -4.0), (4.03, 4.0))
+    points, normals = joined(*(on_grid(*way, (0.0, 0.05)) for way in ways))
     return Scan(points, normals), PointMap.from_points(points, normals, CELL)
 
 

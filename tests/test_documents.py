@@ -106,12 +106,10 @@ def test_the_readme_shows_its_commands():
 
 
 @pytest.mark.documents
-@pytest.mark.parametrize(
-    "path",
+@pytest.mark.parametrize("path", [
     # The tutorial's goes on where its commands ended: test_tutorial.
-    [path for path in DOCUMENTS if _blocks(path, "python") and path.name != "tutorial.md"],
-    ids=_name,
-)
+    path for path in DOCUMENTS if _blocks(path, "python") and path.name != "tutorial.md"
+], ids=_name)  # fmt: skip
 def test_python_in_documents_runs_and_prints_what_it_says(path, tmp_path):
     source = "\n".join(_blocks(path, "python"))
     command = [sys.executable, "-W", "error", "-c", source]

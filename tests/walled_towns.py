@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -25,6 +26,7 @@ def seen(points, normals, truth, seed, n_points=4000):
     return Scan((noisy - truth.position) @ truth.rotation, normals[which] @ truth.rotation)
 
 
+@cache
 def made(seed, scan_seed=None, cell=CELL):
     """Map and scan of a town."""
     points, normals = walls(seed)

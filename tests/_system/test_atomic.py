@@ -54,10 +54,9 @@ def test_what_is_written_appears_whole_in_the_end_and_the_last_of_two_writers_co
     assert list(written(target).values()) == ["whole"] and names(target.parent) == [target.name]
 
 
-@pytest.mark.parametrize(
-    "error",
-    [ValueError("no"), KeyboardInterrupt(), Interrupted(), MaxconError("this"), OSError(errno.ENOSPC, "Disk full")],
-)
+@pytest.mark.parametrize("error", [
+    ValueError("no"), KeyboardInterrupt(), Interrupted(), MaxconError("this"), OSError(errno.ENOSPC, "Disk full"),
+])  # fmt: skip
 def test_an_error_inside_leaves_what_was_there_and_a_full_disk_is_told(output, error):
     target, context, before = output
     with pytest.raises(BaseException) as caught, context() as partial:

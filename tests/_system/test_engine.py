@@ -226,10 +226,9 @@ def test_a_scheduler_that_is_not_there_or_has_no_workers_is_refused(tmp_path, da
 
 
 @pytest.mark.clusters
-@pytest.mark.parametrize(
-    ("leave", "words"),
-    [(lambda each: each.scale(0), "there has been none for 1 s"), (lambda each: each.close(), "the scheduler is gone")],
-)
+@pytest.mark.parametrize(("leave", "words"), [
+    (lambda each: each.scale(0), "there has been none for 1 s"), (lambda each: each.close(), "the scheduler is gone"),
+])  # fmt: skip
 def test_workers_or_a_scheduler_that_go_are_said(tmp_path, dask, monkeypatch, leave, words):
     monkeypatch.setattr(cluster, "LONGEST_ALONE", 1.0)
     started = dask(1)

@@ -108,11 +108,9 @@ def read_times(path):
     *((lambda path: open_scans(path).read(0), suffix) for suffix in SCAN_SUFFIXES), (read_nmea, ".nmea"),
     *((read, suffix) for read in (read_prior, read_trajectory, read_times) for suffix in (".txt", ".tum", ".csv")),
 ])  # fmt: skip
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [(os.mkfifo, "a FIFO"), (Path.mkdir, "is a directory|scans of one kind"), (lambda path: None, "no such file")],
-    ids=["fifo", "folder", "nothing"],
-)
+@pytest.mark.parametrize(("make", "words"), [
+    (os.mkfifo, "a FIFO"), (Path.mkdir, "is a directory|scans of one kind"), (lambda path: None, "no such file"),
+], ids=["fifo", "folder", "nothing"])  # fmt: skip
 def test_what_is_no_file_as_cloud_scan_trajectory_or_times(tmp_path, read, suffix, make, words):
     make(tmp_path / f"1{suffix}")
     with pytest.raises(MaxconError, match=f"(?i){words}"):

@@ -247,14 +247,15 @@ def test_a_page_of_the_drive_is_written_with_and_without_a_reference(localize, d
     assert re.search(r"reference: 4 localized scans, 0 .*\n  along    median 0.0.*; within 1, 2, 3 sigma", alone)
 
 
-def test_one_scan_by_a_place_and_a_heading(localize, drive, tmp_path):
-    scan = next(path for path in sorted(drive.dataset.scans.iterdir()) if path.suffix == ".bin")
-    true = drive.reference.pose(0)
+def test_one_scan_by_a_place_in_the_map_and_a_heading_in_place_of_a_prior(localize, drive, refused, tmp_path):
+    scan, true = drive.dataset.scans / "000000.bin", drive.reference.pose(0)
     at = f"{true.x + 1.0},{true.y - 1.0},{math.degrees(true.heading):.0f}"
     assert localize("--at", at, prior=None, scans=scan).code == 0
     (found,) = rows_of(tmp_path / "poses.csv")
     assert math.hypot(float(found["x"]) - true.x, float(found["y"]) - true.y) < 0.2
     assert abs(float(found["z"]) - true.z) < 0.2
+    refused(localize("--at", "-1,-2,-90", prior=None, scans=scan, out="b.csv"), "ground", "-1,-2,-90", "CRS")
+    refused(localize("--at", "1,2,3", out="b.csv"), "either --at or --prior")
 
 
 @pytest.mark.parametrize(("options", "words"), [
@@ -265,12 +266,6 @@ def test_one_scan_by_a_place_and_a_heading(localize, drive, tmp_path):
 ])  # fmt: skip
 def test_a_place_is_three_numbers_and_of_one_scan(localize, refused, options, words):
     refused(localize(*options.split(), prior=None), *words)
-
-
-def test_a_place_is_in_the_map_and_replaces_the_prior(localize, drive, refused):
-    scan = next(path for path in sorted(drive.dataset.scans.iterdir()) if path.suffix == ".bin")
-    refused(localize("--at", "-1,-2,-90", prior=None, scans=scan), "ground", "-1,-2,-90", "CRS")
-    refused(localize("--at", "1,2,3"), "either --at or --prior")
 
 
 def test_the_summary_as_json_has_the_facts_of_the_sentences(localize, drive, tmp_path):

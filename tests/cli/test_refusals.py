@@ -101,21 +101,15 @@ def not_built(maxcon, refused, out):
     return check
 
 
-def broken_half_way(path):
-    content = bytearray(path.read_bytes())
-    middle = len(content) // 2
-    content[middle : middle + 2000] = bytes(2000)
-    path.write_bytes(content)
-    return path
-
-
 def test_clouds_of_no_use(not_built, write_las, street, street_npz, tmp_path):
     far, zero, drive = (tmp_path / name for name in ("far.npz", "zero.npz", "drive.txt"))
     np.savez(zero, points=street, times=np.zeros(len(street)))
     np.savez(far, points=np.concatenate([street, [[1e300, 0.0, 0.0]]]))
     drive.write_text("0 550000 5802000 62 0 0 0 1\n9 550001 5802000 62 0 0 0 1\n")
     not_built(tmp_path / ("a" * 300), words=["too long"])
-    not_built(street_npz, broken_half_way(write_las("b.laz", crs=None)), words=["b.laz"])  # the first was whole
+    content = (broken := write_las("b.laz", crs=None)).read_bytes()
+    broken.write_bytes(content[: len(content) // 2] + bytes(2000) + content[len(content) // 2 + 2000 :])
+    not_built(street_npz, broken, words=["b.laz"])  # the first was whole
     not_built(far, words=[far, "farther away", "Remove it"])
     not_built(zero, "--trajectory", drive, words=["zero.npz", "gps_time is 0", "--trajectory"])
 

@@ -78,14 +78,11 @@ def test_help_of_many_options_is_in_groups(maxcon, command):
 
 
 @pytest.mark.parametrize("arguments", [
-    ("nonsense",),
-    ("localize", "--nonsense"),
-    ("localize", "m", "s", "--prior", "p", "-o", "o", "--search", "nonsense"),
-    ("map", "build", "a.laz"),
-    ("simulate", "out", "--recording", "tape"),
+    "nonsense", "localize --nonsense", "localize m s --prior p -o o --search nonsense", "map build a.laz",
+    "simulate out --recording tape",
 ])  # fmt: skip
 def test_what_the_parser_refuses_ends_with_2(maxcon, arguments):
-    ended = maxcon(*arguments)
+    ended = maxcon(*arguments.split())
     assert ended.code == 2 and ended.out == ""
     assert "Traceback" not in ended.err and "Error" in ended.err
 

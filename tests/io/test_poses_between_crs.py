@@ -18,28 +18,24 @@ def poses(x, y, covariances=None):
     return Trajectory.from_poses(np.arange(4.0), own, covariances)
 
 
-def convergence(code, longitude, latitude):
-    return np.radians(Proj(CRS(code)).get_factors(longitude, latitude).meridian_convergence)
+def convergence(code, x, y):
+    places = Transformer.from_crs(code, CRS(code).geodetic_crs, always_xy=True).transform(x, y)
+    return np.radians(Proj(CRS(code)).get_factors(*places).meridian_convergence)
 
 
-@pytest.mark.parametrize(
-    ("source", "target", "place", "turn_deg"),
-    [
-        (25832, 25833, (760_000.0, 5_430_000.0), -4.53),  # UTM 32 to UTM 33: along the border of the zones
-        (25833, 25832, (239_000.0, 5_430_000.0), 4.53),
-        (25832, 31467, (458_888.0, 5_429_081.0), 0.0),  # ETRS89 to DHDN, whose axes are named north and east
-        (31467, 25833, (3_458_947.0, 5_430_814.0), -4.54),
-    ],
-)
+@pytest.mark.parametrize(("source", "target", "place", "turn_deg"), [
+    (25832, 25833, (760_000.0, 5_430_000.0), -4.53),  # UTM 32 to UTM 33: along the border of the zones
+    (25833, 25832, (239_000.0, 5_430_000.0), 4.53),
+    (25832, 31467, (458_888.0, 5_429_081.0), 0.0),  # ETRS89 to DHDN, whose axes are named north and east
+    (31467, 25833, (3_458_947.0, 5_430_814.0), -4.54),
+])  # fmt: skip
 def test_positions_and_headings_are_those_of_pyproj(source, target, place, turn_deg):
     own = poses(*place)
     got, words = poses_in_crs(own, f"EPSG:{source}", f"EPSG:{target}", "a.txt")
     by_hand = Transformer.from_crs(source, target, always_xy=True, allow_ballpark=False)
     x, y = by_hand.transform(*own.positions[:, :2].T)
     np.testing.assert_allclose(got.positions, np.column_stack([x, y, own.positions[:, 2]]), rtol=0, atol=1e-6)
-    before = Transformer.from_crs(source, CRS(source).geodetic_crs, always_xy=True).transform(*own.positions[:, :2].T)
-    after = Transformer.from_crs(target, CRS(target).geodetic_crs, always_xy=True).transform(x, y)
-    turn = convergence(target, *after) - convergence(source, *before)
+    turn = convergence(target, x, y) - convergence(source, *own.positions[:, :2].T)
     assert np.degrees(turn) == pytest.approx(turn_deg, abs=0.02)
     roll, pitch, heading = got.angles.T
     is_same_datum = 31467 not in (source, target)
@@ -55,13 +51,12 @@ def test_covariances_turn_and_a_change_of_the_datum_is_added_to_them():
     own = poses(760_000.0, 5_430_000.0, np.stack([COVARIANCE, COVARIANCE, np.full((3, 3), np.nan), COVARIANCE]))
     got, _ = poses_in_crs(own, "EPSG:25832", "EPSG:25833", "a.txt", exact_to=0.06)
     turn = (got.angles - own.angles)[0, 2]
-    cos, sin = np.cos(turn), np.sin(turn)
-    matrix = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    matrix = Pose(0.0, 0.0, 0.0, 0.0, 0.0, turn).rotation
     np.testing.assert_allclose(got.covariances[0], matrix @ COVARIANCE @ matrix.T, atol=1e-9)
     assert np.isnan(got.covariances[2]).all()
     shifted, words = poses_in_crs(own, "EPSG:25832", "EPSG:3068", "a.txt")  # Soldner's of Berlin, which has no grid
     turn = (shifted.angles - own.angles)[0, 2]
-    matrix[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    matrix = Pose(0.0, 0.0, 0.0, 0.0, 0.0, turn).rotation
     added = shifted.covariances[0] - matrix @ COVARIANCE @ matrix.T
     np.testing.assert_allclose(added, np.diag([9.0, 9.0, 0.0]), atol=1e-9)
     assert "exact to 3 m" in words
@@ -83,16 +78,13 @@ def test_poses_in_the_map_s_own_plane_stay_and_heights_do_unless_both_crs_say_wh
     assert "heights times 0.3048" in words
 
 
-@pytest.mark.parametrize(
-    ("source", "target", "place", "kind", "words"),
-    [
-        ("EPSG:25832", None, (4e5, 5e6), CrsError, "a map with a CRS, to transform a.txt.*--crs"),
-        ("EPSG:4326", "EPSG:25832", (8.4, 49.0), CrsError, "projected CRS of a.txt, got WGS 84.*time,latitude"),
-        ("EPSG:4978", "EPSG:25832", (4e6, 6e5), CrsError, "projected CRS of a.txt"),
-        ("EPSG:9", "EPSG:25832", (4e5, 5e6), CrsError, "EPSG:9"),
-        ("EPSG:25833", "EPSG:25832", (1e12, 5e6), TrajectoryError, "a.txt.*is defined, got x 1e\\+12"),
-    ],
-)
+@pytest.mark.parametrize(("source", "target", "place", "kind", "words"), [
+    ("EPSG:25832", None, (4e5, 5e6), CrsError, "a map with a CRS, to transform a.txt.*--crs"),
+    ("EPSG:4326", "EPSG:25832", (8.4, 49.0), CrsError, "projected CRS of a.txt, got WGS 84.*time,latitude"),
+    ("EPSG:4978", "EPSG:25832", (4e6, 6e5), CrsError, "projected CRS of a.txt"),
+    ("EPSG:9", "EPSG:25832", (4e5, 5e6), CrsError, "EPSG:9"),
+    ("EPSG:25833", "EPSG:25832", (1e12, 5e6), TrajectoryError, "a.txt.*is defined, got x 1e\\+12"),
+])  # fmt: skip
 def test_what_cannot_be_transformed_is_refused(source, target, place, kind, words):
     with pytest.raises(kind, match=words):
         poses_in_crs(poses(*place), source, target, "a.txt")

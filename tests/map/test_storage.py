@@ -21,12 +21,6 @@ from maxcon.map.store import copy_map
 from written_maps import assert_same_map, said_by, write
 
 
-@pytest.fixture
-def city(shards):
-    """A map of 16 tiles in a folder, in several shards."""
-    return shards
-
-
 class Ranges(SimpleHTTPRequestHandler):
     """Files of a folder, whole or a range of one; what was asked for is noted."""
 
@@ -74,10 +68,10 @@ def serving(handler):
 
 
 @pytest.fixture
-def web_server(city):
+def web_server(shards):
     """A web server of the folder that the map is in, and the map's address."""
-    with serving(partial(Ranges, directory=str(city.parent))) as (server, address):
-        yield server, f"{address}/{city.name}"
+    with serving(partial(Ranges, directory=str(shards.parent))) as (server, address):
+        yield server, f"{address}/{shards.name}"
 
 
 @pytest.fixture
@@ -87,18 +81,18 @@ def refusing():
         yield address
 
 
-def test_a_map_on_s3_is_the_map_that_was_copied_there(city, bucket, tmp_path):
+def test_a_map_on_s3_is_the_map_that_was_copied_there(shards, bucket, tmp_path):
     there = f"{bucket}/germany/city"
-    copy_map(city, there)
-    assert_same_map(PointMap.open(there), PointMap.open(city))
-    assert said_by(read_manifest(there)) == said_by(read_manifest(city))
-    for source, target in ((there, f"{bucket}/b"), (city, "https://example.org/map")):
+    copy_map(shards, there)
+    assert_same_map(PointMap.open(there), PointMap.open(shards))
+    assert said_by(read_manifest(there)) == said_by(read_manifest(shards))
+    for source, target in ((there, f"{bucket}/b"), (shards, "https://example.org/map")):
         with pytest.raises(OptionError, match="A web server is only read; between two object stores, copy to a folder"):
             copy_map(source, target)
     # One shard holds more than the small ones of the test: what is equal is what they hold.
     copy_map(there, tmp_path / "back.map")
     copy_map(tmp_path / "back.map", tmp_path / "again.map")
-    assert_same_map(PointMap.open(tmp_path / "back.map"), PointMap.open(city))
+    assert_same_map(PointMap.open(tmp_path / "back.map"), PointMap.open(shards))
     files, again = (
         {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
         for folder in (tmp_path / "back.map", tmp_path / "again.map")
@@ -106,23 +100,23 @@ def test_a_map_on_s3_is_the_map_that_was_copied_there(city, bucket, tmp_path):
     assert files == again
 
 
-def test_a_map_on_a_web_server_also_by_a_path_and_in_another_process(city, web_server):
+def test_a_map_on_a_web_server_also_by_a_path_and_in_another_process(shards, web_server):
     server, web = web_server
     for opened in (PointMap.open(web), PointMap.open(Path(web))):  # a path of an address has lost a slash
-        assert_same_map(opened, PointMap.open(city))
-    assert_same_map(pickle.loads(pickle.dumps(opened)), PointMap.open(city))
+        assert_same_map(opened, PointMap.open(shards))
+    assert_same_map(pickle.loads(pickle.dumps(opened)), PointMap.open(shards))
     opened, key = PointMap.open(web), min(opened.tile_keys)
     server.asked.clear()
     opened.tile(key)
-    name, first, length = read_manifest(city).tiles.range_of(key)  # and not the whole shard
-    assert server.asked == [(f"/{city.name}/{name}", f"bytes={first}-{first + length - 1}")]
+    name, first, length = read_manifest(shards).tiles.range_of(key)  # and not the whole shard
+    assert server.asked == [(f"/{shards.name}/{name}", f"bytes={first}-{first + length - 1}")]
     server.knows_ranges = False
     refused(web, "to be the index of the map, got: the server sends no ranges")
 
 
-def test_a_shard_that_is_damaged_there(bucket, city):
-    copy_map(city, f"{bucket}/a")
-    (file,) = read_manifest(city).ground.files
+def test_a_shard_that_is_damaged_there(bucket, shards):
+    copy_map(shards, f"{bucket}/a")
+    (file,) = read_manifest(shards).ground.files
     for content in (bytes(file.n_bytes), b"short"):
         Remote(f"{bucket}/a").write(file.name, content)
         with pytest.raises(MapError, match=rf"in {bucket}/a/{file.name} to be "):
@@ -190,20 +184,17 @@ def test_a_server_that_says_nothing(bucket, monkeypatch):
         refused(f"{bucket}/city", "timed out")
 
 
-def test_no_permission(city, bucket, refusing, monkeypatch):
+def test_no_permission_and_no_keys(shards, bucket, monkeypatch, refusing):
+    """Without keys, those of a machine of Amazon are asked for, of an address that only such machines reach."""
     monkeypatch.setenv("AWS_ENDPOINT_URL", refusing)
     refused(f"{bucket}/city", "no permission: check AWS_ACCESS_KEY_ID and its rights")
     with pytest.raises(FileError, match=r"to be able to write .* got: no permission"):
-        copy_map(city, f"{bucket}/city")
+        copy_map(shards, f"{bucket}/city")
     monkeypatch.setenv("AWS_SKIP_SIGNATURE", "true")
     refused(f"{bucket}/city", "no permission without keys, as AWS_SKIP_SIGNATURE asks for: set AWS_ACCESS_KEY_ID and")
     with pytest.raises(MapError, match=r"got: no permission\. Check"):
         PointMap.open(f"{refusing}/city.map")
-
-
-def test_no_keys(bucket, refusing, monkeypatch):
-    """Then those of a machine of Amazon are asked for, of an address that only such machines reach."""
-    monkeypatch.setenv("AWS_ENDPOINT_URL", refusing)
+    monkeypatch.delenv("AWS_SKIP_SIGNATURE")
     monkeypatch.setenv("AWS_METADATA_ENDPOINT", refusing)  # so that nothing outside of this machine is asked
     monkeypatch.delenv("AWS_ACCESS_KEY_ID")
     refused(f"{bucket}/city", "half of the keys: set both, AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY")
@@ -231,9 +222,9 @@ def names(bucket, s3_server):
     return {entry["Key"] for entry in listed.get("Contents", ())}
 
 
-def test_the_manifest_comes_last(city, bucket, s3_server, monkeypatch):
+def test_the_manifest_comes_last(shards, bucket, s3_server, monkeypatch):
     """Wherever copying stops there is no map, or the whole; and the same command goes on."""
-    write_one, n_files = Remote.write, len([path for path in city.rglob("*") if path.is_file()])
+    write_one, n_files = Remote.write, len([path for path in shards.rglob("*") if path.is_file()])
     for n_written in range(n_files):
         left = [n_written]
 
@@ -246,16 +237,16 @@ def test_the_manifest_comes_last(city, bucket, s3_server, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(Remote, "write", write_some)
             with pytest.raises(FileError, match="the line is cut"):
-                copy_map(city, f"{bucket}/{n_written}")
+                copy_map(shards, f"{bucket}/{n_written}")
         assert len({name for name in names(bucket, s3_server) if name.startswith(f"{n_written}/")}) == n_written
         with pytest.raises(MapError, match=r"no manifest\.json there"):
             PointMap.open(f"{bucket}/{n_written}")
-    copy_map(city, f"{bucket}/{n_files - 1}")
-    assert_same_map(PointMap.open(f"{bucket}/{n_files - 1}"), PointMap.open(city))
+    copy_map(shards, f"{bucket}/{n_files - 1}")
+    assert_same_map(PointMap.open(f"{bucket}/{n_files - 1}"), PointMap.open(shards))
 
 
-def test_a_map_is_replaced_only_if_asked_and_who_reads_the_old_goes_on(city, bucket, tmp_path):
-    copy_map(city, f"{bucket}/a")
+def test_a_map_is_replaced_only_if_asked_and_who_reads_the_old_goes_on(shards, bucket, tmp_path):
+    copy_map(shards, f"{bucket}/a")
     old = PointMap.open(f"{bucket}/a", cache_bytes=0)
     other = PointMap.from_points([[1.0, 2.0, 3.0]], [[0.0, 0.0, 1.0]], 0.06)
     write(tmp_path / "other.map", other)
@@ -263,11 +254,11 @@ def test_a_map_is_replaced_only_if_asked_and_who_reads_the_old_goes_on(city, buc
         copy_map(tmp_path / "other.map", f"{bucket}/a")
     copy_map(tmp_path / "other.map", f"{bucket}/a", overwrite=True)
     assert PointMap.open(f"{bucket}/a").all_voxels()[1].sum() == 1
-    assert_same_map(old, PointMap.open(city))
+    assert_same_map(old, PointMap.open(shards))
 
 
-def test_nothing_damaged_is_published(city, bucket, tmp_path, s3_server):
-    copy_map(city, tmp_path / "copy.map")
+def test_nothing_damaged_is_published(shards, bucket, tmp_path, s3_server):
+    copy_map(shards, tmp_path / "copy.map")
     shard = sorted((tmp_path / "copy.map" / "tiles").glob("*.arrows"))[-1]
     shard.write_bytes(bytes(shard.stat().st_size))
     with pytest.raises(MapError, match="another checksum"):

@@ -2,7 +2,8 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,13 +85,6 @@ def test_other_orders_are_noticed(seed, n, width):
 
 
 # --- the cache ---
-@dataclass(frozen=True)
-class Sized:
-    """What the cache asks of a tile."""
-
-    n_bytes: int
-
-
 def loaded(cache, numbers):
     """Load tiles by their numbers; return those that had to be made, and the numbers of all that are kept."""
     made, make = [], cache._make
@@ -102,7 +96,7 @@ def loaded(cache, numbers):
 
 
 def test_those_used_longest_ago_go_first_and_no_more_than_must():
-    cache = TileCache(lambda key: Sized({5: 25, 6: 5, 7: 99}.get(key[0], 10)), 30)
+    cache = TileCache(lambda key: SimpleNamespace(n_bytes={5: 25, 6: 5, 7: 99}.get(key[0], 10)), 30)
     assert loaded(cache, [1, 2, 1, 3, 3, 2]) == ([1, 2, 3], [1, 2, 3])  # as many as fit
     assert loaded(cache, [1, 4]) == ([4], [1, 2, 4])  # in the place of 3
     assert loaded(cache, [5]) == ([5], [5])  # in the place of all
@@ -116,7 +110,7 @@ def test_threads_make_different_tiles_at_once():
 
     def make(_):
         together.wait()
-        return Sized(1)
+        return SimpleNamespace(n_bytes=1)
 
     cache = TileCache(make, 1000)
     with ThreadPoolExecutor(4) as pool:
@@ -133,7 +127,7 @@ def test_a_tile_that_several_threads_ask_for_is_made_once(error):
         assert may_end.wait(60)
         if error is not None:
             raise error
-        return Sized(1)
+        return SimpleNamespace(n_bytes=1)
 
     cache = TileCache(make, 1000)
     with ThreadPoolExecutor(4) as pool:
@@ -158,7 +152,7 @@ def test_of_tiles_that_are_made_ahead_each_is_made_once_and_who_asks_is_served_f
         made.append(key[0])
         if key[0] == 13:
             raise OSError("unlucky")
-        return Sized(1)
+        return SimpleNamespace(n_bytes=1)
 
     cache = TileCache(make, 1000, [(number, 0) for number in range(40)])
     for _ in range(3):

@@ -17,11 +17,6 @@ from walled_towns import CELL, TRUTH, beside, made, seen, twins, walls
 SCORING = Scoring(Helmert(), Multiplicity.OCCUPIED, Weighting.COSINE)
 
 
-@pytest.fixture(scope="module")
-def town():
-    return made(3, 4)
-
-
 @given(
     seed=st.integers(0, 2), x=st.floats(-0.2, 0.2), tilt=st.floats(-0.02, 0.02),
     multiplicity=st.sampled_from(list(Multiplicity)), weighting=st.sampled_from(list(Weighting)),
@@ -47,16 +42,16 @@ def test_moments_at_a_pose_are_those_of_the_definition(seed, x, tilt, multiplici
 
 @pytest.mark.parametrize("objective", [Helmert(), Count()])
 @pytest.mark.parametrize(("x", "y", "turn_deg"), [(11.0, -9.0, 9.0), (-11.5, 3.0, -9.5), (0.0, 0.0, 0.0)])
-def test_the_best_candidate_lies_at_the_true_pose(town, objective, x, y, turn_deg):
-    point_map, scan = town
+def test_the_best_candidate_lies_at_the_true_pose(objective, x, y, turn_deg):
+    point_map, scan = made(3, 4)
     scoring = Scoring(objective, Multiplicity.OCCUPIED, Weighting.COSINE)
     found, rest = find_candidates(scan, point_map, beside(x, y, turn_deg=turn_deg), SearchSpace(), 0.68, scoring)
     assert math.hypot(found[0].pose.x - TRUTH.x, found[0].pose.y - TRUTH.y) < 0.03
     assert found[0].share > 0.3 and rest <= 0.68
 
 
-def test_a_window_within_reach_of_the_adjustment_needs_no_large_cells(town, monkeypatch):
-    point_map, scan = town
+def test_a_window_within_reach_of_the_adjustment_needs_no_large_cells(monkeypatch):
+    point_map, scan = made(3, 4)
     monkeypatch.setattr("maxcon.refine.candidates.coarse.coarse_search", None)
     space = SearchSpace(0.5, heading_half_width_deg=1.5)
     (found,), rest = find_candidates(scan, point_map, beside(0.3, -0.3, turn_deg=1.0), space, 0.68, SCORING)
@@ -69,8 +64,8 @@ def test_twins_make_an_answer_ambiguous():
     assert answer.status is Status.AMBIGUOUS and answer.runner_up > 0.9
 
 
-def test_starts_at_one_place_are_one_candidate_that_keeps_its_height_and_no_match_is_none(town):
-    point_map, scan = town
+def test_starts_at_one_place_are_one_candidate_that_keeps_its_height_and_no_match_is_none():
+    point_map, scan = made(3, 4)
     near = [adjusted_candidate(scan.sample, point_map, beside(dx), FROM_LARGE_CELLS, SCORING) for dx in (-0.2, 0.2)]
     far = adjusted_candidate(scan.sample, point_map, beside(0.0, z=50.0), FROM_LARGE_CELLS, SCORING)
     assert distinct([*near, far]) == [max(near, key=lambda each: each.score)]

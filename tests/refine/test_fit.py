@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -20,11 +19,6 @@ SPACE = SearchSpace(1.0, heading_half_width_deg=2.0)
 SEEDS = st.integers(0, 3)
 TOO_LARGE, LONG, STRETCHED, STRETCHED_AHEAD, TWISTED, _, LEFT, AHEAD = patterns.PATTERNS
 SIZES = {TOO_LARGE: 0.012, LONG: 0.15, STRETCHED: 1.0, STRETCHED_AHEAD: 1.0, TWISTED: 0.03, LEFT: 0.3, AHEAD: 0.3}
-
-
-@cache
-def town(seed):
-    return made(seed)
 
 
 def fitted(scan, point_map, pose=TRUTH):
@@ -45,7 +39,7 @@ def distorted(scan, pattern, size):
 @given(seed=SEEDS, noise=st.floats(0.0, 0.08), every=st.integers(1, 4))
 @settings(max_examples=15)
 def test_a_right_answer_passes_with_noise_and_with_few_points(seed, noise, every):
-    point_map, scan = town(seed)
+    point_map, scan = made(seed)
     noisy = scan.points + np.random.default_rng(seed).normal(0.0, noise, (len(scan), 3))
     found = fitted(Scan(noisy[::every], scan.normals[::every]), point_map)
     assert (found.misfit, found.words) == (0.0, "") and not found.covariance.any()
@@ -54,7 +48,7 @@ def test_a_right_answer_passes_with_noise_and_with_few_points(seed, noise, every
 @given(seed=SEEDS, pattern=st.sampled_from(list(SIZES)), sign=st.sampled_from([-1.0, 1.0]))
 @settings(max_examples=15)
 def test_each_pattern_is_noticed_and_the_pose_is_that_of_the_scan_without_it(seed, pattern, sign):
-    point_map, scan = town(seed)
+    point_map, scan = made(seed)
     found = fitted(distorted(scan, pattern, sign * SIZES[pattern]), point_map)
     assert found.words
     if found.misfit < 1.0:
@@ -63,7 +57,7 @@ def test_each_pattern_is_noticed_and_the_pose_is_that_of_the_scan_without_it(see
 
 @pytest.mark.parametrize(("stretch", "twist"), [(1.0, 0.04), (-1.2, 0.04)])
 def test_a_scan_taken_in_a_bend_is_stretched_and_twisted_and_both_are_corrected(stretch, twist):
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     found = fitted(distorted(distorted(scan, STRETCHED, stretch), TWISTED, twist), point_map)
     assert found.misfit < 1.0
     assert off(found.refined.pose) < 0.05
@@ -73,7 +67,7 @@ def test_a_scan_taken_in_a_bend_is_stretched_and_twisted_and_both_are_corrected(
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_walls_ahead_without_normals_where_those_aside_have_some_are_those_of_sweeps_put_together(axis):
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     blurred = np.where(np.abs(scan.normals[:, axis : axis + 1]) > 0.6, 0.0, scan.normals)
     found = fitted(Scan(scan.points, blurred), point_map)
     assert (found.misfit > 1.0) == ("are sweeps put together without their motion?" in found.words) == (axis == 0)
@@ -81,7 +75,7 @@ def test_walls_ahead_without_normals_where_those_aside_have_some_are_those_of_sw
 
 @pytest.mark.parametrize("pattern", [STRETCHED, STRETCHED_AHEAD, TWISTED])
 def test_a_turn_that_begins_on_the_other_side_is_tried_where_it_moves_one_side_of_the_scan_alike(pattern):
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     size, points = 0.02, scan.points
     refined = refine(scan, point_map, TRUTH)
     found = patterns.Corrected(pattern, size, scan, refined, gain=0.1, significance=9.0)
@@ -102,13 +96,13 @@ def test_a_turn_that_begins_on_the_other_side_is_tried_where_it_moves_one_side_o
     (LEFT, 0.3, "the scan has what is to the left +0.3"), (AHEAD, 0.3, "the scan has what is ahead +0.3"),
 ])  # fmt: skip
 def test_the_strongest_pattern_is_named_with_its_size(pattern, size, words):
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     assert words in fitted(distorted(scan, pattern, size), point_map).words
 
 
 @pytest.mark.parametrize(("pattern", "size"), [(STRETCHED, 0.5), (STRETCHED, 1.5), (TWISTED, 0.03), (LONG, 0.15)])
 def test_a_scan_is_corrected_and_a_third_of_the_shift_widens_the_covariance(pattern, size):
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     changed = distorted(scan, pattern, size)
     as_it_is, found = refine(changed, point_map, TRUTH).pose, fitted(changed, point_map)
     assert found.misfit < 1.0 and "(corrected)" in found.words
@@ -119,15 +113,15 @@ def test_a_scan_is_corrected_and_a_third_of_the_shift_widens_the_covariance(patt
 
 def test_the_covariance_is_small_where_the_corrected_heading_lies_beyond_the_half_turn():
     turn = Pose(0.0, 0.0, 0.0, 0.0, 0.0, math.pi - TRUTH.heading + 0.003)
-    turned = PointMap.from_points(*(each @ turn.rotation.T for each in walls(1)), town(1)[0].cell)
-    changed = distorted(town(1)[1], TWISTED, 0.03)
+    turned = PointMap.from_points(*(each @ turn.rotation.T for each in walls(1)), made(1)[0].cell)
+    changed = distorted(made(1)[1], TWISTED, 0.03)
     as_it_is, found = refine(changed, turned, turn @ TRUTH).pose, fitted(changed, turned, turn @ TRUTH)
     assert as_it_is.heading > 0.0 > found.refined.pose.heading
     assert math.sqrt(found.covariance[5, 5]) < 0.01
 
 
 def test_what_the_map_may_have_as_well_is_not_corrected_and_widens_the_covariance():
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     changed = distorted(scan, LEFT, 0.1)
     found = fitted(changed, point_map)
     assert 0.0 < found.misfit < 1.0 and "what is to the left +0.1" in found.words
@@ -136,7 +130,7 @@ def test_what_the_map_may_have_as_well_is_not_corrected_and_widens_the_covarianc
 
 
 def test_two_explanations_from_near_places_widen_the_covariance_from_far_ones_the_scan_is_refused(monkeypatch):
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     changed = distorted(scan, STRETCHED, 0.9)
     alone = fitted(changed, point_map)
     monkeypatch.setattr(patterns, "RIVALLING", -1.0)
@@ -151,7 +145,7 @@ def test_two_explanations_from_near_places_widen_the_covariance_from_far_ones_th
 
 
 def test_a_large_pattern_that_the_scan_does_not_have_leaves_it_unexplained(monkeypatch):
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     monkeypatch.setattr(patterns, "LEAST_GAIN", 10.0)
     found = fitted(distorted(scan, STRETCHED, 1.2), point_map)
     assert found.misfit > 1.0
@@ -167,7 +161,7 @@ def test_a_pattern_that_the_pose_takes_up_is_not_seen_in_a_scan_without_any_nois
 
 
 def test_away_from_the_right_pose_patches_lie_beside_the_map():
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     refined, table = refine(scan, point_map, TRUTH), table_around(scan.sample, point_map, [TRUTH])
     found = fit.fit_of(replace(refined, pose=beside(0.25, 0.2)), scan.sample, point_map, table)
     assert found.misfit > 1.0 and "patches of surface lie beside those of the map" in found.words
@@ -177,7 +171,7 @@ def test_away_from_the_right_pose_patches_lie_beside_the_map():
 def test_points_near_the_map_that_are_not_close_are_told_unless_surfaces_are_thick_or_no_points_are_neighbours(
     noise, apart, is_loose
 ):
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     order = np.lexsort(np.round(scan.points.T / 2.0))
     points, normals = scan.points[order], scan.normals[order]
     points = points + np.random.default_rng(0).normal(0.0, noise, (len(points), 1)) * normals
@@ -224,14 +218,14 @@ def test_walls_of_one_side_are_told_if_they_lie_beside_those_of_the_map_not_if_t
 
 
 def test_a_scan_that_looks_to_one_side_is_not_tested_for_what_arises_during_a_turn():
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     ahead = np.abs(np.arctan2(scan.points[:, 1], scan.points[:, 0])) < math.radians(60.0)
     part = Scan(scan.points[ahead], scan.normals[ahead])
     assert "a turn" not in fitted(distorted(part, STRETCHED, 1.0), point_map).words
 
 
 def test_an_answer_that_does_not_fit_is_refused_unless_it_is_asked_for():
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     shifted = distorted(scan, LEFT, 0.3)
     refused = MaximumConsensus(SPACE, wider=0.0).localize(shifted, point_map, beside(0.2, 0.1))
     assert refused.status is Status.MISFIT and "what is to the left" in refused.reason
@@ -240,7 +234,7 @@ def test_an_answer_that_does_not_fit_is_refused_unless_it_is_asked_for():
 
 
 def test_the_answer_of_a_scan_that_was_not_deskewed_is_that_of_the_middle_of_its_turn():
-    point_map, scan = town(1)
+    point_map, scan = made(1)
     answer = MaximumConsensus(SPACE).localize(distorted(scan, STRETCHED, 1.0), point_map, beside(0.2, 0.1))
     assert answer.is_localized and off(answer.pose) < 0.03
     assert "by +1.0 m a turn (corrected): deskew it (--deskew)" in answer.reason

@@ -244,19 +244,18 @@ def test_a_space_in_which_nothing_stands_out_or_that_is_too_large_is_refused(mon
 
 @pytest.mark.parametrize("seed", range(2))
 def test_very_full_voxels(seed):
-    space = SearchSpace(0.8, CELL, 1.0, 0.5)
-    scan, point_map, prior = street(seed, space)
+    scan, point_map, prior = street(seed, SPACE)
     rng = np.random.default_rng(seed)
     indices, counts, normals = point_map.all_voxels()
     often = np.where(rng.random(len(counts)) < 0.01, rng.integers(1, 3000, len(counts)), 1)
     points = np.repeat((indices + 0.5) * CELL, often, axis=0)
     fuller = PointMap.from_points(points, np.repeat(normals, often, axis=0), CELL)
-    prepared = PreparedScan.prepare(scan, fuller, prior, space, Multiplicity.POINTS, Weighting.COSINE)
+    prepared = PreparedScan.prepare(scan, fuller, prior, SPACE, Multiplicity.POINTS, Weighting.COSINE)
     assert bounding_of(Helmert(), prepared).unit > 2.0**-14
     for objective in OBJECTIVES:
-        found = branch_and_bound(scan, fuller, prior, space, objective, multiplicity="points", ratio=0.7)
-        accumulator = exhaustive(scan, fuller, prior, space, multiplicity="points")
-        assert_it_is_the_best(found, accumulator, objective, space, 0.7)
+        found = branch_and_bound(scan, fuller, prior, SPACE, objective, multiplicity="points", ratio=0.7)
+        accumulator = exhaustive(scan, fuller, prior, SPACE, multiplicity="points")
+        assert_it_is_the_best(found, accumulator, objective, SPACE, 0.7)
 
 
 @given(

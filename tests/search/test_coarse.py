@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -16,17 +15,12 @@ from maxcon.search.coarse import coarse_search, highest_cells
 from walled_towns import TRUTH, beside, made, twins
 
 
-@cache
-def town(seed):
-    return made(seed)
-
-
 @given(
     seed=st.integers(0, 3), x=st.floats(-5.0, 5.0), y=st.floats(-5.0, 5.0), turn_deg=st.floats(-180.0, 180.0),
     ratio=st.sampled_from([0.5, 0.7, 1.0]), n_threads=st.sampled_from([1, 3]),
 )  # fmt: skip
 def test_the_cells_that_are_found_are_those_of_the_definition(seed, x, y, turn_deg, ratio, n_threads):
-    point_map, scan = town(seed)
+    point_map, scan = made(seed)
     points, prior, level = scan.points[::7], beside(x, y, turn_deg=turn_deg), point_map.nearest_level(coarse.CELL)
     cells = SearchSpace(4.0, heading_half_width_deg=6.0).at(level.cell, coarse.STEP_DEG)
     grid = level.normals_around(prior.x, prior.y, 60.0, (-6.0, 12.0))
@@ -41,7 +35,7 @@ def test_the_cells_that_are_found_are_those_of_the_definition(seed, x, y, turn_d
 
 @pytest.mark.parametrize("tilt", [0.0, 0.05])
 def test_heights_and_tilts_are_those_of_the_prior(tilt):
-    point_map, scan = town(2)
+    point_map, scan = made(2)
     tilted = replace(TRUTH, roll=tilt)
     points = (scan.points[::5] @ TRUTH.rotation.T) @ tilted.rotation
     space = SearchSpace(2.0, heading_half_width_deg=2.0, height_half_width=1.0)

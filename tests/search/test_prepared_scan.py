@@ -89,13 +89,11 @@ def test_groups_are_of_one_square_and_layer_and_have_their_tiles(seed, n_points,
         assert row < prepared.shape[0]
 
 
-@pytest.mark.parametrize(
-    ("direction", "length", "fits", "refused"),
-    [  # the space reaches 2 m, and one cell more is kept free; no cell lies higher or lower
-        *(([x, y, 0.0], *reach) for x, y in SIDES for reach in ((0.0, 3.0, 2.0), (4.0, 7.0, 5.5))),
-        *(([0.0, 0.0, z], 0.0, 0.5, -0.5) for z in (1.0, -1.0)),
-    ],
-)
+@pytest.mark.parametrize(("direction", "length", "fits", "refused"), [
+    # The space reaches 2 m, and one cell more is kept free; no cell lies higher or lower.
+    *(([x, y, 0.0], *reach) for x, y in SIDES for reach in ((0.0, 3.0, 2.0), (4.0, 7.0, 5.5))),
+    *(([0.0, 0.0, z], 0.0, 0.5, -0.5) for z in (1.0, -1.0)),
+])  # fmt: skip
 def test_priors_from_which_a_point_or_a_cell_reaches_beyond_all_indices_are_refused(direction, length, fits, refused):
     here = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.7)
     scan, point_map = Scan([[0.0, length, 0.0]], [[1.0, 0.0, 0.0]]), random_map(np.random.default_rng(1), here, 5, 1.0)

@@ -19,7 +19,6 @@ SMALL = SearchSpace(0.3, CELL, 0.0, 0.5)  # 10 x 10 cells
 STREET = math.radians(31.0)
 X, SLANTED = [1.0, 0.0, 0.0], [0.6, 0.0, 0.8]
 MULTIPLICITIES = ("points", "occupied")
-PLACES = [[0.03, 0.03, 0.03]] * 7
 
 
 def by_pairs(scene, prior, space, multiplicity):
@@ -68,17 +67,12 @@ def bare_street(scene, turn):
     return scene.wall((-4, -6), (4, -6), turn=turn, heights=(1.02,))
 
 
-def street_with_surfaces_across(scene, turn):
-    bare_street(scene, turn)
-    for x, y in ((-3.1, 5.0), (2.0, 5.0), (3.7, -6.3)):
-        scene.wall((x, y), (x, y + 0.3), turn=turn, scan_step=0.1)
-    return scene
-
-
 @both_models
 @both_multiplicities
 def test_a_street_at_31_degrees_with_a_few_surfaces_across(turned_scene, model, multiplicity):
-    scene = street_with_surfaces_across(turned_scene, STREET)
+    scene = bare_street(turned_scene, STREET)
+    for x, y in ((-3.1, 5.0), (2.0, 5.0), (3.7, -6.3)):
+        scene.wall((x, y), (x, y + 0.3), turn=STREET, scan_step=0.1)
     space = SearchSpace(0.18, CELL, 1.0, 1.0)
     accumulator = model(scene, scene.prior(1, -2, 1.0), space, multiplicity)
     assert_only_best(accumulator, Helmert(), (2, 3 - 2, 3 + 1))
@@ -214,19 +208,15 @@ def test_voxels_are_pairs_where_map_points_are_voxel_centres(seed, n_scan, n_map
 
 
 # --- what a match adds ---
-def matches(places, n_scan, n_map, *, is_signed=True, **options):
-    """Moments of scan and map points in one voxel, by both models."""
-    scan = Scan(places[: len(n_scan)], n_scan)
+def matches(n_scan, n_map, *, is_signed=True, **options):
+    """Moments of scan and map points with these normals in one voxel, by both models."""
+    scan, places = Scan([[0.03] * 3] * len(n_scan), n_scan), [[0.03] * 3] * len(n_map)
     threshold = {"threshold": CELL / 2, "is_signed": is_signed}
-    pairs = reference.pairs(scan, places[: len(n_map)], n_map, HERE, ONE_CELL, **threshold, **options).moments
-    point_map = PointMap.from_points(places[: len(n_map)], n_map, CELL, is_signed=is_signed)
+    pairs = reference.pairs(scan, places, n_map, HERE, ONE_CELL, **threshold, **options).moments
+    point_map = PointMap.from_points(places, n_map, CELL, is_signed=is_signed)
     voxels = reference.voxels(scan, point_map, HERE, ONE_CELL, **options).moments
     np.testing.assert_allclose(pairs, voxels, atol=1e-6)
     return pairs[0, 0, 0]
-
-
-def one_match(n_scan, n_map, **options):
-    return matches(PLACES, [n_scan], [n_map], **options)
 
 
 @pytest.mark.parametrize(("n_scan", "n_map", "is_signed", "weight"), [
@@ -241,7 +231,7 @@ def one_match(n_scan, n_map, **options):
 ])  # fmt: skip
 def test_the_weight_is_the_cosine_between_the_normals(n_scan, n_map, is_signed, weight):
     expected = [1.0, weight * n_map[0] ** 2, 0.0, 0.0]
-    np.testing.assert_allclose(one_match(n_scan, n_map, is_signed=is_signed), expected, atol=1e-6)
+    np.testing.assert_allclose(matches([n_scan], [n_map], is_signed=is_signed), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("weighting", ["cosine", "one"])
@@ -249,14 +239,14 @@ def test_the_weight_is_the_cosine_between_the_normals(n_scan, n_map, is_signed, 
 def test_a_voxel_of_many_points_by_hand(weighting, multiplicity, n):
     """7 map points in one voxel, 2 scan points whose normals are 0 and 60 degrees off the map's."""
     normals = [X, [0.5, math.sqrt(0.75), 0.0]]
-    moments = matches(PLACES, normals, [X] * 7, multiplicity=multiplicity, weighting=weighting)
+    moments = matches(normals, [X] * 7, multiplicity=multiplicity, weighting=weighting)
     np.testing.assert_allclose(moments, [2 * n, n * (1.5 if weighting == "cosine" else 2.0), 0.0, 0.0], atol=1e-6)
 
 
 def test_once_takes_opposite_normals_for_the_same_where_sides_mean_nothing():
     """Map normals of no side may point either way; they must not cancel."""
     normals = [[0.0, 0.0, 0.0], X, [-1.0, 0.0, 0.0]]
-    moments = matches(PLACES, [X], normals, multiplicity="occupied", is_signed=False)
+    moments = matches([X], normals, multiplicity="occupied", is_signed=False)
     np.testing.assert_allclose(moments, [1.0, 1.0, 0.0, 0.0], atol=1e-6)
 
 

@@ -166,10 +166,7 @@ def test_correlations_do_not_matter_and_the_larger_variance_counts(factors, vari
         assert SearchSpace.from_covariance(full) == space
 
 
-@given(
-    st.floats(0.0, 400.0), st.floats(0.0, 0.5), st.floats(0.05, 5.0), st.floats(0.05, 5.0), st.floats(0.0, 30.0),
-    st.floats(0.0, 180.0),
-)  # fmt: skip
+@given(st.floats(0.0, 400.0), st.floats(0.0, 0.5), STEPS, STEPS, st.floats(0.0, 30.0), st.floats(0.0, 180.0))
 def test_no_space_of_a_covariance_exceeds_its_limits(variance, angle_variance, cell, step_deg, most, most_deg):
     space = SearchSpace.from_covariance(
         np.diag([variance, 0.0, angle_variance]), cell=cell, heading_step_deg=step_deg,
@@ -189,18 +186,11 @@ def test_a_covariance_printed_with_few_digits_is_taken():
     assert SearchSpace.from_covariance(printed) == SearchSpace.from_covariance(np.diag(np.diag(printed)))
 
 
-@pytest.mark.parametrize(("covariance", "words"), [
-    (np.eye(2), r"shape \(3, 3\), got \(2, 2\)\. Take its rows"),
-    ("exact", r"numbers of shape \(3, 3\)"),
-    (np.diag([1.0, np.nan, 0.1]), "finite, symmetric and positive semidefinite, got .*nan"),
-    ([[1.0, 0.0, 2e-3], [0.0, 1.0, 0.0], [2e-3, 0.0, 1e-6]], "positive semidefinite"),
-])  # fmt: skip
-def test_covariances_that_are_none(covariance, words):
-    with pytest.raises(SearchSpaceError, match=words):
-        SearchSpace.from_covariance(covariance)
-
-
 @pytest.mark.parametrize(("options", "words"), [
+    ({"covariance": np.eye(2)}, r"shape \(3, 3\), got \(2, 2\)\. Take its rows"),
+    ({"covariance": "exact"}, r"numbers of shape \(3, 3\)"),
+    ({"covariance": np.diag([1.0, np.nan, 0.1])}, "finite, symmetric and positive semidefinite, got .*nan"),
+    ({"covariance": [[1.0, 0.0, 2e-3], [0.0, 1.0, 0.0], [2e-3, 0.0, 1e-6]]}, "positive semidefinite"),
     ({"k": 0.0}, "`k` > 0 standard deviations, got 0.0. The default is 3"),
     ({"k": math.inf}, "`k` > 0"),
     ({"cell": 0.0}, "a step > 0 for the offsets, got 0.0 m and 0.0 m"),
@@ -211,9 +201,9 @@ def test_covariances_that_are_none(covariance, words):
     ({"k": 1e5, "cell": 0.06}, "at most 100,000 cells in the half width of the offsets, got 100000 m"),
     ({"heading_step_deg": 1e-6}, "at most 100,000 cells in the half width of the headings"),
 ])  # fmt: skip
-def test_numbers_that_make_no_space_of_a_covariance(options, words):
+def test_covariances_that_are_none_and_numbers_that_make_no_space_of_one(options, words):
     with pytest.raises(SearchSpaceError, match=words):
-        SearchSpace.from_covariance(np.diag([1.0, 1.0, 0.01]), **options)
+        SearchSpace.from_covariance(**{"covariance": np.diag([1.0, 1.0, 0.01]), **options})
 
 
 def test_heights_lie_around_the_prior_in_whole_cells():

@@ -29,6 +29,20 @@ OFFSETS = np.linspace(0, LAST, N).astype(np.int64)
 ARE_RETURNS = np.arange(N) % 10 != 5
 
 
+def assert_read(path, words, rings, offsets):
+    """Three scans of a recording are those that went in, with rings, and with times around the middle of each."""
+    scans, middle = open_scans(path), (offsets[ARE_RETURNS].min() + offsets[ARE_RETURNS].max()) / 2.0
+    assert words in scans.words
+    for i in range(3):
+        raw = scans.read(i, 0.0, 200.0)
+        np.testing.assert_array_equal(raw.points, points_of(i)[ARE_RETURNS])
+        assert scans.times[i] == raw.time == pytest.approx(START + 0.1 * i + middle * 1e-9, abs=1e-6)
+        np.testing.assert_allclose(raw.point_times, (offsets[ARE_RETURNS] - middle) * 1e-9, atol=1e-6)
+    cloud = next(iter(open_clouds(path).clouds())).points()
+    assert cloud.n_invalid == N // 10
+    np.testing.assert_array_equal(cloud.rings, rings[ARE_RETURNS])
+
+
 def livox(seed, package="livox_ros_driver2", frame="livox_frame", clock=0):
     """A CustomMsg, written field by field; `clock` is by how much the scanner's is ahead of the header's, ns."""
     stamp = round((START + 0.1 * seed) * 1e9)
@@ -46,25 +60,16 @@ def livox(seed, package="livox_ros_driver2", frame="livox_frame", clock=0):
 @pytest.mark.parametrize("kind", NAMES)
 @pytest.mark.parametrize(("package", "frame"), [("livox_ros_driver", "livox_frame"), ("livox_ros_driver2", "")])
 def test_what_livox_drivers_record_is_read(kind, package, frame, tmp_path):
-    scans = open_scans(write_entries(tmp_path / NAMES[kind], [livox(i, package, frame) for i in range(3)]))
-    assert "timestamp (uint64): ns, absolute" in scans.words
-    np.testing.assert_allclose(scans.times, START + 0.1 * np.arange(3) + LAST / 2e9, atol=1e-6)
-    for i in range(3):
-        raw = scans.read(i, 0.0, 200.0)
-        np.testing.assert_array_equal(raw.points, points_of(i)[ARE_RETURNS])
-        np.testing.assert_allclose(raw.point_times, (OFFSETS[ARE_RETURNS] - LAST / 2) * 1e-9, atol=1e-6)
-    (cloud, *_) = open_clouds(tmp_path / NAMES[kind]).clouds()
-    assert cloud.points().n_invalid == N // 10
-    np.testing.assert_array_equal(cloud.points().rings, np.arange(N)[ARE_RETURNS] % 4)
-    (told,) = describe(tmp_path / NAMES[kind]).scanners
+    path = write_entries(tmp_path / NAMES[kind], [livox(i, package, frame) for i in range(3)])
+    assert_read(path, "timestamp (uint64): ns, absolute", np.arange(N) % 4, OFFSETS)
+    ((told, _),) = describe(path).scanners
     assert told["rings"] == "4 (0 to 3)" and "reflectivity uint8" in told["fields"] and "10.0 % no" in told["points"]
-    assert open_clouds(tmp_path / NAMES[kind]).frame == frame
+    assert open_clouds(path).frame == frame
 
 
-@pytest.mark.parametrize(
-    ("clock", "words"),
-    [(-1_234_000, "ns, absolute"), (-round(START * 1e9), "ns, relative"), (10**15, "of another clock")],
-)
+@pytest.mark.parametrize(("clock", "words"), [
+    (-1_234_000, "ns, absolute"), (-round(START * 1e9), "ns, relative"), (10**15, "of another clock"),
+])  # fmt: skip
 def test_the_clock_of_a_livox(clock, words, tmp_path):
     """On the message's clock, not told, or since the scanner was switched on."""
     scans = open_scans(write_entries(tmp_path / "drive.bag", [livox(0, clock=clock)]))
@@ -148,22 +153,10 @@ def ouster(seed):
 
 
 @pytest.mark.parametrize("kind", NAMES)
-@pytest.mark.parametrize(
-    ("driver", "words", "rings", "offsets"),
-    [
-        (lambda seed: hesai(seed, 0), "timestamp (float64): s, absolute", np.arange(N) % 128, OFFSETS),
-        (lambda seed: hesai(seed, 1), "timestamp (float64): s, absolute", np.arange(N) % 128, OFFSETS),
-        (ouster, "t (uint32): ns, relative", np.arange(N) // 10, np.tile(np.linspace(0, LAST, 10), 40)),
-    ],
-    ids=["Hesai", "Hesai, aligned", "Ouster"],
-)
+@pytest.mark.parametrize(("driver", "words", "rings", "offsets"), [
+    (lambda seed: hesai(seed, 0), "timestamp (float64): s, absolute", np.arange(N) % 128, OFFSETS),
+    (lambda seed: hesai(seed, 1), "timestamp (float64): s, absolute", np.arange(N) % 128, OFFSETS),
+    (ouster, "t (uint32): ns, relative", np.arange(N) // 10, np.tile(np.linspace(0, LAST, 10), 40)),
+], ids=["Hesai", "Hesai, aligned", "Ouster"])  # fmt: skip
 def test_fields_of_other_drivers(kind, driver, words, rings, offsets, tmp_path):
-    path = write_entries(tmp_path / NAMES[kind], [driver(i) for i in range(3)])
-    scans, middle = open_scans(path), (offsets[ARE_RETURNS].min() + offsets[ARE_RETURNS].max()) / 2.0
-    assert words in scans.words
-    for i in range(3):
-        raw = scans.read(i, 0.0, 200.0)
-        np.testing.assert_array_equal(raw.points, points_of(i)[ARE_RETURNS])
-        assert raw.time == pytest.approx(START + 0.1 * i + middle * 1e-9, abs=1e-6)
-        np.testing.assert_allclose(raw.point_times, (offsets[ARE_RETURNS] - middle) * 1e-9, atol=1e-6)
-    np.testing.assert_array_equal(next(iter(open_clouds(path).clouds())).points().rings, rings[ARE_RETURNS])
+    assert_read(write_entries(tmp_path / NAMES[kind], [driver(i) for i in range(3)]), words, rings, offsets)

@@ -66,10 +66,9 @@ def test_one_step_is_not_rest(street, street_map):
     assert loose.localize(dense_scan, street_map, street.prior(0.5)).status != Status.NOT_CONVERGED
 
 
-@pytest.mark.parametrize(
-    ("half_width", "heading", "cells", "turns_deg"),
-    [(3.0, 2.0, (-4.0, 3.0), 2.0), (2.2, 1.5, (-4.0, 3.0), 2.0), (12.0, 0.0, (-13.0, 12.0), 0.0)],
-)
+@pytest.mark.parametrize(("half_width", "heading", "cells", "turns_deg"), [
+    (3.0, 2.0, (-4.0, 3.0), 2.0), (2.2, 1.5, (-4.0, 3.0), 2.0), (12.0, 0.0, (-13.0, 12.0), 0.0),
+])  # fmt: skip
 def test_the_window_holds_either_boundary(half_width, heading, cells, turns_deg):
     space = CountThenGicp(half_width, heading).window
     assert (space.offsets[0], space.offsets[-1]) == cells

@@ -88,37 +88,35 @@ def above(height):
     return lambda points: points[:, 2] > height
 
 
-@pytest.mark.parametrize(
-    ("parts", "wanted"),  # of which part, of which of its points, at least how many are of which classes
-    [
-        pytest.param(
-            [SLOPE, wall((2.0, 18.0), 8.0, slope, 4.0)],
-            [(0, None, 0.98, IS_GROUND), (1, None, 0.93, STANDS),
-             (1, lambda points: points[:, 2] > slope(points[:, 0], 0.0) + 0.3, 0.995, STANDS)],
-            id="a wall on a slope",
-        ),
-        pytest.param(
-            [SLOPE[~is_under(SLOPE)], box([6.0, 4.0, 2.2], [10.4, 5.8, 3.6])],
-            [(0, None, 0.98, IS_GROUND), (1, above(3.0), 1.0, set(range(256)) - {GROUND})],
-            id="a car, and no ground below",
-        ),
-        pytest.param(
-            [FLAT, wall((2.0, 18.0), 9.0, flat, 5.0), bush([3.0, 4.0, 0.5], [15.0, 5.0, 1.9], 40_000)],
-            [(0, None, 0.98, IS_GROUND), (1, None, 0.93, STANDS), (2, above(0.75), 0.97, (3, 4)),
-             (2, above(1.1), 0.97, (4,))],  # 0.5 to 2 m: of medium height
-            id="a hedge before a house",
-        ),
-        pytest.param(
-            [FLAT, sheet((6.0, 14.0), (0.0, 12.0), lambda x, y: flat(x, y) + 5.0), wall((6.0, 14.0), 2.0, flat, 5.0)],
-            [(0, None, 0.98, IS_GROUND), (1, None, 0.98, STANDS), (2, None, 0.9, STANDS)],
-            id="a bridge over a road",
-        ),
-        pytest.param(
-            [FLAT, sheet((5.0, 5.2), (5.0, 5.2), lambda x, y: flat(x, y) - 3.0)], [(0, None, 0.98, IS_GROUND)],
-            id="reflections below the ground",
-        ),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("parts", "wanted"), [
+    # Of which part, of which of its points, at least how many are of which classes.
+    pytest.param(
+        [SLOPE, wall((2.0, 18.0), 8.0, slope, 4.0)],
+        [(0, None, 0.98, IS_GROUND), (1, None, 0.93, STANDS),
+         (1, lambda points: points[:, 2] > slope(points[:, 0], 0.0) + 0.3, 0.995, STANDS)],
+        id="a wall on a slope",
+    ),
+    pytest.param(
+        [SLOPE[~is_under(SLOPE)], box([6.0, 4.0, 2.2], [10.4, 5.8, 3.6])],
+        [(0, None, 0.98, IS_GROUND), (1, above(3.0), 1.0, set(range(256)) - {GROUND})],
+        id="a car, and no ground below",
+    ),
+    pytest.param(
+        [FLAT, wall((2.0, 18.0), 9.0, flat, 5.0), bush([3.0, 4.0, 0.5], [15.0, 5.0, 1.9], 40_000)],
+        [(0, None, 0.98, IS_GROUND), (1, None, 0.93, STANDS), (2, above(0.75), 0.97, (3, 4)),
+         (2, above(1.1), 0.97, (4,))],  # 0.5 to 2 m: of medium height
+        id="a hedge before a house",
+    ),
+    pytest.param(
+        [FLAT, sheet((6.0, 14.0), (0.0, 12.0), lambda x, y: flat(x, y) + 5.0), wall((6.0, 14.0), 2.0, flat, 5.0)],
+        [(0, None, 0.98, IS_GROUND), (1, None, 0.98, STANDS), (2, None, 0.9, STANDS)],
+        id="a bridge over a road",
+    ),
+    pytest.param(
+        [FLAT, sheet((5.0, 5.2), (5.0, 5.2), lambda x, y: flat(x, y) - 3.0)], [(0, None, 0.98, IS_GROUND)],
+        id="reflections below the ground",
+    ),
+])  # fmt: skip
 def test_ground_walls_and_vegetation_of_scenes(tmp_path, parts, wanted):
     classes = split(found_in(tmp_path / "a", np.concatenate(parts))[0], parts)
     for part, chosen, least, of_classes in wanted:

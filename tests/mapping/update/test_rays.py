@@ -72,11 +72,13 @@ def random_map(rng, n=400):
 
 
 def kept(tiles):
-    """Evidence of some tiles before the first observation."""
+    """Some tiles, their voxels, and their evidence before the first observation."""
     options = UpdateOptions()
     table, evidence = stacked([Surfaces(t, initial_evidence(np.full(len(t), CANDIDATE), options)) for t in tiles])
     seen_in = np.full(len(evidence["n_hits"]), -1, np.int32)
-    return SimpleNamespace(table=table, evidence=evidence, arrays=(*evidence.values(), seen_in))
+    voxels = np.concatenate([tile.voxels for tile in tiles])
+    arrays = (*evidence.values(), seen_in)
+    return SimpleNamespace(tiles=tiles, voxels=voxels, table=table, evidence=evidence, arrays=arrays)
 
 
 def add(within, origin, ends, look, margins, reach=4.0):
@@ -86,9 +88,8 @@ def add(within, origin, ends, look, margins, reach=4.0):
 @given(st.integers(0, 2**32 - 1))
 def test_the_compiled_walk_is_the_definition(seed):
     rng = np.random.default_rng(seed)
-    tiles = random_map(rng)
-    within = kept(tiles)
-    voxels = np.concatenate([tile.voxels for tile in tiles])
+    within = kept(random_map(rng))
+    tiles, voxels = within.tiles, within.voxels
     means = np.concatenate([tile.mean_points(CELL) for tile in tiles])
     normals = np.concatenate([tile.normals for tile in tiles]).astype(np.float64)
     log_odds = np.zeros(len(voxels), np.float32)
@@ -117,9 +118,8 @@ def test_the_compiled_walk_is_the_definition(seed):
 
 
 def test_an_observation_counts_once_however_many_rays_it_has():
-    tiles = random_map(np.random.default_rng(1))
-    within = kept(tiles)
-    end = tiles[0].mean_points(CELL)[:1]
+    within = kept(random_map(np.random.default_rng(1)))
+    end = within.tiles[0].mean_points(CELL)[:1]
     add(within, np.array([5.0, 5.0, 5.0]), np.repeat(end, 10, axis=0), 0, np.full(10, 0.1), reach=50.0)
     assert within.evidence["n_hits"].max() == 1
 
@@ -127,13 +127,11 @@ def test_an_observation_counts_once_however_many_rays_it_has():
 @given(st.integers(0, 2**32 - 1))
 def test_points_far_from_voxels(seed):
     rng = np.random.default_rng(seed)
-    tiles = random_map(rng)
-    within = kept(tiles)
-    voxels = np.concatenate([tile.voxels for tile in tiles])
+    within = kept(random_map(rng))
     points = rng.uniform(-4.0, 4.0, (50, 3))
     is_far = np.empty(len(points), bool)
     are_far_from_voxels(points, 2, CELL, within.table, is_far)
-    apart = np.abs(np.floor(points / CELL).astype(int)[:, None] - voxels).max(axis=2)
+    apart = np.abs(np.floor(points / CELL).astype(int)[:, None] - within.voxels).max(axis=2)
     np.testing.assert_array_equal(is_far, apart.min(axis=1) > 2)
 
 
