@@ -140,7 +140,10 @@ class Tracker:
         self._hypotheses = ranked(weighted, self.noise, self._guard_radius)
         self._way = 0.0
         if prior is not None:
-            self._hypotheses = [self._proven(each, prior) for each in self._hypotheses]
+            self._hypotheses = [  # near a prior nothing is left to prove
+                replace(each, unproven=0.0) if self._is_inside(each.predicted(self.noise).pose, prior) else each
+                for each in self._hypotheses
+            ]
         if prior is None or (self.prediction is not None and self._is_inside(self.prediction.pose, prior)):
             self._outside = 0.0
         if self._hypotheses and self._unchecked >= self.options.check_distance:
@@ -207,11 +210,6 @@ class Tracker:
     def _unproven(self, parent: Hypothesis, away: float, reach: float) -> float:
         """Way over which scans have yet to agree, m, at a place so far from where a hypothesis leads."""
         return PROVEN if self._has_begun and away > reach else parent.unproven
-
-    def _proven(self, hypothesis: Hypothesis, prior: Pose) -> Hypothesis:
-        """Return a hypothesis with nothing left to prove, if a prior is near."""
-        is_near = self._is_inside(hypothesis.predicted(self.noise).pose, prior)
-        return replace(hypothesis, unproven=0.0) if is_near else hypothesis
 
     def _followed(self, hypothesis: Hypothesis, scan: Scan, point_map: PointMap, prior: Pose | None) -> Hypothesis:
         """Compare a scan with the map around the prediction of a hypothesis."""

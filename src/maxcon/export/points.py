@@ -25,7 +25,6 @@ from maxcon.map.ground import ground_voxels
 from maxcon.map.manifest import Manifest, read_manifest
 from maxcon.map.storage import open_storage
 from maxcon.map.store import stored_ground, stored_tiles
-from maxcon.map.tile import VoxelTile
 from maxcon.refine.adjustment import planes_near, table_around
 from maxcon.scan import Scan
 
@@ -128,7 +127,11 @@ def export_map(
         steps = [(0, key) for key in sorted(tiles.keys)] + [(1, key) for key in sorted(ground.keys)]
         for done, (kind, key) in enumerate(steps, 1):
             if kind == 0:
-                found = _points_of_voxels(tiles.load(key), manifest.cell, frame)
+                tile = tiles.load(key)
+                found = _at(tile.mean_points(manifest.cell), frame, UNCLASSIFIED)
+                found["nx"], found["ny"], found["nz"] = tile.normals.T
+                found["count"] = tile.counts
+                found["change"] = 0 if tile.classes is None else tile.classes
             else:
                 heights = ground.load(key).points(manifest.cell * ground_voxels(manifest.cell))
                 found = _at(heights, frame, GROUND_CLASS)
@@ -147,14 +150,6 @@ def _at(places: NDArray[np.float64], frame: LocalFrame, number: int) -> NDArray[
     points = np.zeros(len(places), POINT)
     points["x"], points["y"], points["z"] = frame.to_global(places).T
     points["class"] = number
-    return points
-
-
-def _points_of_voxels(tile: VoxelTile, cell: float, frame: LocalFrame) -> NDArray[np.void]:
-    points = _at(tile.mean_points(cell), frame, UNCLASSIFIED)
-    points["nx"], points["ny"], points["nz"] = tile.normals.T
-    points["count"] = tile.counts
-    points["change"] = 0 if tile.classes is None else tile.classes
     return points
 
 

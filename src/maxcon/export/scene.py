@@ -171,7 +171,9 @@ def _entries(scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]
         yield _cloud(rows[0].time, "/map", MAP_FRAME, points)
     for epoch in epochs:
         row = epoch.row
-        yield _status(row)
+        log = {"stamp": ros.header_of(row.time, "")["stamp"], "name": "maxcon", "msg": row.words}
+        log |= {"level": INFO if row.status == Status.LOCALIZED else WARN, "file": "", "function": ""}
+        yield ros.Entry(row.time, "/status", "rcl_interfaces/msg/Log", log)
         if row.pose is None:
             continue
         local = scene.local(row.pose)
@@ -186,12 +188,6 @@ def _entries(scene: Scene, rows: Sequence[PoseRow], epochs: Iterable[SceneEpoch]
 def _cloud(time: float, topic: str, frame: str, points: NDArray[np.float32]) -> ros.Entry:
     content = {"header": ros.header_of(time, frame), **ros.cloud_content(dict(zip("xyz", points.T, strict=True)))}
     return ros.Entry(time, topic, "sensor_msgs/msg/PointCloud2", content)
-
-
-def _status(row: PoseRow) -> ros.Entry:
-    level = INFO if row.status == Status.LOCALIZED else WARN
-    content = {"stamp": ros.header_of(row.time, "")["stamp"], "level": level, "name": "maxcon", "msg": row.words}
-    return ros.Entry(row.time, "/status", "rcl_interfaces/msg/Log", {**content, "file": "", "function": ""})
 
 
 def _pose(row: PoseRow, pose: Pose) -> ros.Entry:

@@ -25,10 +25,7 @@ ON_THE_GRID = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Distinctness:
-    """How distinct a peak is, by four measures that do not depend on the unit of the score (design, section 4).
-
-    All are NaN where the highest score is 0: there is no peak.
-    """
+    """How distinct a peak is, whatever the score's unit (design, section 4); NaN where the highest score is 0."""
 
     # Score of the second peak, the highest local maximum beyond 0.3 m at any heading, over that of the peak, 0 to 1
     peak_ratio: float
@@ -133,13 +130,10 @@ def _kurtosis(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> fl
 
 
 def _divergence(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> float:
-    """Sum of p log(p / q), nats: p the fractions, q the Laplace density at places in cells from the peak; NaN for one.
-
-    In logarithms, since q underflows some 530 cells from the peak.
-    """
+    """Sum of p log(p / q), nats: p fractions, q Laplace at places in cells from the peak; NaN for one."""
     from scipy.special import log_softmax, xlogy
 
     if len(places) < 2:
         return math.nan
-    log_density = log_softmax(-LAPLACE_DECAY * np.abs(places))
+    log_density = log_softmax(-LAPLACE_DECAY * np.abs(places))  # q underflows some 530 cells from the peak
     return max(0.0, float((xlogy(fractions, fractions) - fractions * log_density).sum()))  # not -1e-17

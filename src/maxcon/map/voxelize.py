@@ -45,10 +45,7 @@ def voxelize(
 
 
 def first_of_each(*columns: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Rows of all different values in columns, the first of each, and its number among them for every row.
-
-    As numpy.unique along an axis, which takes several times as long.
-    """
+    """First row of each different value in columns, and the value's number for every row; numpy.unique is slower."""
     order = np.lexsort(columns[::-1])
     is_first = np.ones(len(order), bool)
     is_first[1:] = np.logical_or.reduce([np.diff(values[order]) != 0 for values in columns])

@@ -35,10 +35,8 @@ def merge_voxels(parent, shifts, in_counts, in_sums, in_outers, counts, sums, ou
 
 @njit(nogil=True, cache=True)
 def _reach_line(line, key, keys, row, layer, reach, first):
-    """Find one of the (2 reach + 1)^2 lines of voxels around a voxel: its steps (z, y), middle key and first voxel.
-
-    key : of the voxel; they ascend from call to call. first : where each line was reached last, in and out.
-    """
+    """Find a line of voxels around that of a key: its steps (z, y), middle key and first voxel."""
+    # Keys ascend from call to call; `first`: where each line was reached last, in and out.
     width = 2 * reach + 1
     dz, dy = line // width - reach, line % width - reach
     middle = key + dz * layer + dy * row

@@ -246,10 +246,8 @@ def draw_scene(axes: Axes, scene: Scene) -> list[Artist]:
 
 
 def draw_points(axes: Axes, sets: Sequence[tuple[str, str, NDArray[np.float64], float]]) -> list[Artist]:
-    """Draw sets of points from above, one over the other; return what the legend shows of them.
-
-    sets : label, colour, points of shape (n, 3), local frame, m, and diameter of a dot, points.
-    """
+    """Draw sets of points from above, one over the other; return what the legend shows of them."""
+    # A set: label, colour, points (n, 3) in the local frame, m, and the diameter of a dot, points.
     from matplotlib.lines import Line2D
 
     handles: list[Artist] = []

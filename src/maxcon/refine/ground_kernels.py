@@ -10,10 +10,7 @@ N_LAST = 3
 
 @njit(nogil=True, cache=True)
 def _ground_at(heights, x, y, z):
-    """Height of the level nearest to z, bilinear between the middles of cells; NaN where less than half is known.
-
-    heights : (levels, ny, nx) float32; x, y : in cells from the corner of the first.
-    """
+    """Height nearest to z, bilinear at x, y (cells from the first corner); NaN where less than half is known."""
     left, low = np.floor(x - 0.5), np.floor(y - 0.5)
     total, weights = 0.0, 0.0
     for row in range(2):

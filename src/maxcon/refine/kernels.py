@@ -192,10 +192,7 @@ def _sector(x, y, bounds):
 
 @njit(nogil=True, cache=True)
 def _number(key, table, keys, n):
-    """Number of a key: its place among the first `n` of `keys`, or `n` if it is new, and then added there.
-
-    table : (2^k,), hash table of numbers, -1 where it is free; at least twice as large as there can be keys.
-    """
+    """Number of a key among the first `n` of `keys`, `n` if it is added; `table` (2^k,) of numbers, -1 where free."""
     mask = np.uint64(table.shape[0] - 1)
     slot = ((np.uint64(key) * np.uint64(FACTOR)) >> np.uint64(32)) & mask
     while table[slot] >= 0:

@@ -9,11 +9,8 @@ from maxcon.refine.kernels import rotation_and_axes, turned
 
 @njit(nogil=True, cache=True, counts_references=False)
 def _partner_along(px, py, pz, nx, ny, nz, patch, cell, reach, least_cosine, is_signed, table):
-    """Plane (normal, offset) nearest to a point among the voxels along its normal; a normal of zeros for none.
-
-    Looked for from the voxel of the point outwards to both sides, to one step beyond the first partner. patch : of the
-    point's own voxel, as `find_patch` gives it; the other arguments as for `find_partners`.
-    """
+    """Plane (normal, offset) nearest to a point among the voxels along its normal; a normal of zeros for none."""
+    # Looked for from the voxel of the point outwards to both sides, to one step beyond the first partner.
     found = (0.0, 0.0, 0.0, 0.0)
     nearest, last = np.inf, reach
     in_x, in_y, in_z = px / cell, py / cell, pz / cell
@@ -47,11 +44,7 @@ def _partner_along(px, py, pz, nx, ny, nz, patch, cell, reach, least_cosine, is_
 
 @njit(nogil=True, cache=True, counts_references=False)
 def _partner_around(px, py, pz, own_patch, cell, reach, table):
-    """Plane (normal, offset) of the nearest voxel along the axes from that of a point; a normal of zeros for none.
-
-    Of voxels equally many steps away, the one whose mean is nearest. own_patch : of the point's voxel, as
-    `find_patch` gives it.
-    """
+    """Plane (normal, offset) of the nearest voxel along the axes, then the nearest mean; a normal of zeros for none."""
     found = (0.0, 0.0, 0.0, 0.0)
     nearest = np.inf
     x0, y0, z0 = np.int64(np.floor(px / cell)), np.int64(np.floor(py / cell)), np.int64(np.floor(pz / cell))

@@ -152,11 +152,7 @@ def in_order(cells: Nodes, counts: Counts) -> NDArray[np.intp]:
 
 
 def counts_of_region(scan: CoarseScan, regions: Regions, key: TileKey) -> NDArray[np.int32]:
-    """Points that match at each heading and cell of a region, shape (headings, REGION, REGION).
-
-    Cells in which no scanner may stand have -1. A point matches where the voxel that it falls in has its orientation
-    bin. The scanner stands in the middle of the cell.
-    """
+    """Points that match at each heading and cell (y, x) of a region; -1 in cells in which no scanner may stand."""
     turned, voxels = scan.turned(HEADINGS, regions.map.cell), regions.map.region(key).bins
     counts = np.zeros((len(HEADINGS), REGION, REGION), np.int32)
     for heading in range(len(HEADINGS)):

@@ -93,10 +93,7 @@ def _cells(elevations, azimuths, lowest, row_step, n_rows, n_columns):
 
 @njit(nogil=True, cache=True)
 def _sort_by_cell(cells, n_cells, azimuths, points):
-    """Sort points by cell: starts (n_cells + 2,), as in `Grid`, and point numbers, (n,).
-
-    Within a cell by azimuth, so that the same points are picked whatever order they come in.
-    """
+    """Sort points by cell, then azimuth, in whatever order they come: starts (n_cells + 2,) and point numbers (n,)."""
     starts = np.zeros(n_cells + 2, np.uint32)
     for cell in cells:
         starts[cell + 2] += ONE

@@ -35,10 +35,7 @@ LEVEL = 0.9
 
 @njit(nogil=True, cache=True)
 def _take_block(grid, pending, first, factor, block):
-    """Fill a block with pending points from number `first` on; return how many, and the number to go on with.
-
-    pending : (m,), places of points in the grid; factor : height of the next window over that of the first.
-    """
+    """Fill a block with pending points from number `first` on; return how many, and the number to go on with."""
     places, points, heights = block
     n, k = 0, first
     while n < BLOCK and k < len(pending):
@@ -88,10 +85,7 @@ def _sum_block(grid, n, block, reaches, candidates, moments, is_full):
 
 @njit(nogil=True, cache=True)
 def _write_normals(n, block, moments, squares, planes, normals, is_spread):
-    """Write whether the neighbours of n points are spread in two dimensions, and normals where they form a plane.
-
-    normals : (3 BLOCK,), out, x, y, z, turned to the sensor; zeros for no plane. is_spread : (BLOCK,), out.
-    """
+    """Write whether the neighbours of n points are spread, and normals, turned to the sensor; zeros for no plane."""
     _, points, heights = block
     for k in range(n):
         x, y, z = points[k], points[BLOCK + k], points[2 * BLOCK + k]
@@ -109,10 +103,7 @@ def _write_normals(n, block, moments, squares, planes, normals, is_spread):
 
 @njit(nogil=True, cache=True)
 def _fit_pending(grid, pending, factor, normals):
-    """Fit planes to the neighbours of pending points, in windows of `factor` times the height that is tried first.
-
-    pending : (m,) uint32, in and out: those to try again in a higher window come to the front; how many is returned.
-    """
+    """Fit planes in windows `factor` times as high; return how many pending points, moved to the front, want more."""
     block = np.empty(BLOCK, np.uint32), np.empty(3 * BLOCK), np.empty(BLOCK)
     reaches = np.empty(BLOCK), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
     candidates, moments, planes = np.empty(3 * STRIDE), np.empty(10 * BLOCK), np.empty(5 * BLOCK)
@@ -175,10 +166,7 @@ def scan_planes(points, elevations, azimuths, lowest, highest, is_asked, normals
 
 @njit(nogil=True, cache=True)
 def count_normals(normals, up, horizontal):
-    """How many normals (n, 3), zeros for none, there are, and how many of them are horizontal.
-
-    up : (3,), unit vector in the same axes; horizontal : the product of a horizontal normal with it is smaller.
-    """
+    """How many normals (n, 3) are not zeros, and how many of them are horizontal: less than that along `up`."""
     n_normals, n_horizontal = 0, 0
     for i in range(normals.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]

@@ -111,11 +111,8 @@ def _collect_strips(elevations, azimuths):
 
 @njit(nogil=True, cache=True)
 def _window_of(elevations, k, width):
-    """Return the number of the lowest window around the k-th of ascending elevations with more than one ring.
-
-    N_WINDOWS if there is none. A window is as wide as half its height: the points of a strip, `width` (rad) wide, stand
-    for those of the window.
-    """
+    """Return the number of the lowest window around the k-th elevation with more than one ring; N_WINDOWS for none."""
+    # It is as wide as half its height: the points of a strip, `width` (rad) wide, stand for those of the window.
     low, high = k, k
     total, square = 0.0, 0.0
     for window in range(N_WINDOWS):

@@ -103,10 +103,13 @@ class _GicpAligner:
         T_target_source, hessian = np.asarray(found.T_target_source), np.asarray(found.H)
         if not (np.isfinite(T_target_source).all() and np.isfinite(hessian).all()):
             return no_answer(start, Status.NOT_CONVERGED)
-        is_determined, cofactor = invert(_normal_matrix(hessian, T_target_source[:3, :3]))
+        rotation = T_target_source[:3, :3]
+        # Unknowns are rotation, then translation, in sensor axes: N of x and y in map axes.
+        N = np.asarray(rotation @ hessian[3:, 3:] @ rotation.T, dtype=np.float64)[:2, :2]
+        is_determined, cofactor = invert(MATCH_VARIANCE * 0.5 * (N + N.T))
         status = Status.LOCALIZED if found.converged else Status.NOT_CONVERGED
         status = status if is_determined else Status.UNDETERMINED
-        pose = Pose.from_rotation(T_target_source[:3, 3] + self.target.origin, T_target_source[:3, :3])
+        pose = Pose.from_rotation(T_target_source[:3, 3] + self.target.origin, rotation)
         share = n_matched / self.source.n_points
         return Estimate(pose, float(n_matched), None, status, cofactor, share)
 
@@ -117,12 +120,6 @@ class _GicpAligner:
         placed = points @ pose.rotation.T + (pose.position - self.target.origin)
         _, squares = self.target.tree.batch_nearest_neighbor_search(placed)
         return int((np.asarray(squares) <= distance**2).sum())
-
-
-def _normal_matrix(hessian: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """N of x and y in map axes; small_gicp's unknowns are rotation, then translation, in sensor axes."""
-    N = np.asarray(rotation @ hessian[3:, 3:] @ rotation.T, dtype=np.float64)[:2, :2]
-    return MATCH_VARIANCE * 0.5 * (N + N.T)
 
 
 @dataclass(frozen=True)

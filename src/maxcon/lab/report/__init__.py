@@ -50,11 +50,7 @@ def check_jinja2() -> Any:
 
 
 def write_page(path: str | os.PathLike[str], template: str, page: Mapping[str, Any]) -> None:
-    """Write a page as one HTML file.
-
-    template: name of the template in `maxcon/lab/report/templates`: "demo.html.j2" or "study.html.j2".
-    page: all values that the template refers to as `page`; all of them are escaped.
-    """
+    """Write a page as one HTML file; its template refers to all values as `page`, and all of them are escaped."""
     jinja2 = check_jinja2()
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("maxcon.lab.report"), autoescape=True, undefined=jinja2.StrictUndefined,

@@ -65,11 +65,8 @@ def draw_legend(figure: "Figure", handles: Sequence[Any], labels: Sequence[str],
 
 
 def draw_number_ticks(axis: Any, low: float, high: float, least: float = 0.0) -> None:
-    """Write 1, 2 and 5 times the powers of ten on a logarithmic axis; fewer over more than 3 decades.
-
-    axis: x or y axis, or the long axis of a colour bar, with the limits `low` and `high`.
-    least: lower values are drawn at this one, so its tick has a "≤".
-    """
+    """Write 1, 2 and 5 times the powers of ten on a logarithmic axis; fewer over more than 3 decades."""
+    # It has the limits `low` and `high`; lower values than `least` are drawn at this one, so its tick has a “≤”.
     from matplotlib.ticker import NullFormatter
 
     digits = (1.0, 2.0, 5.0) if high <= 1.001e3 * low else (1.0,)

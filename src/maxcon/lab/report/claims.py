@@ -156,11 +156,8 @@ def _icp_fails(found: Mapping[str, MethodStatistics]) -> _Finding:
 def _compared(
     methods: Methods, column: str, words: str, is_better: Callable[[Any, Any], Any], factor: float = 1.0
 ) -> _Finding:
-    """Check whether a measure is better for Helmert's score than for the count, in its median and in most epochs.
-
-    The claim holds if the median is better, by `factor` if above 1, and nine tenths of the epochs; partly if the median
-    is better. `words` begin the sentence about the study.
-    """
+    """Check whether a measure is better for Helmert's score than for the count; `words` begin the sentence on it."""
+    # The claim holds if the median, by `factor` if above 1, and nine tenths of the epochs are; partly if the median is.
     helmert, count = _values_of(methods, _paper_pair(methods), column)
     if not len(helmert):
         raise _NotStudiedError(f"{column} of both")

@@ -148,10 +148,7 @@ class ReportedDrive:
 
 
 def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: str, facts: Mapping[str, str]) -> None:
-    """Write the page of a drive as one HTML file.
-
-    facts: what was assumed and searched, by name; shown on top. They should say where the map's sigma is from.
-    """
+    """Write the page of a drive as one HTML file, on top the facts: what was assumed and searched, by name."""
     is_wrong, levels, rows = drive.is_wrong, drive.levels, drive.rows
     is_localized = np.array([row.pose is not None for row in rows])
     either, variances = levels.max(axis=1), drive.covariances[:, 0, 0] + drive.covariances[:, 1, 1]
@@ -189,10 +186,8 @@ def write_drive_page(path: str | os.PathLike[str], drive: ReportedDrive, title: 
 
 
 def worst_epochs(is_localized: NDArray[np.bool_], is_wrong: NDArray[np.bool_], levels: Floats) -> list[int]:
-    """Return at most ten epochs: wrong and localized first, then not localized, then of the largest levels, m.
-
-    Those that are not localized are taken evenly from the drive: neighbours look alike.
-    """
+    """Return at most ten epochs: wrong and localized first, then not localized, then of the largest levels, m."""
+    # Those that are not localized are taken evenly from the drive: neighbours look alike.
     wrong = np.flatnonzero(is_wrong & is_localized)[:N_WORST]
     without = np.flatnonzero(~is_localized)
     n_without = min(len(without), N_WORST - len(wrong))

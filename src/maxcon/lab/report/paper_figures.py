@@ -270,10 +270,7 @@ SKEWED = 5.0
 
 
 def spaced_epochs(places: Floats, distance: float) -> list[int]:
-    """Return indices of epochs at least `distance` (m) apart: the first, and each that is far from all chosen.
-
-    places: shape (n, 2); m, n > 0.
-    """
+    """Return indices of places (n, 2), n > 0, `distance` (m) apart or more: the first, and each far from all chosen."""
     chosen = [0]
     for epoch in range(1, len(places)):
         if (((places[chosen] - places[epoch]) ** 2).sum(axis=1) >= distance * distance).all():
@@ -287,12 +284,8 @@ def plot_kurtosis_map(
 ) -> None:  # fmt: skip
     """Draw the drive from above, each epoch as a small circle in a large one: the kurtosis by two objectives.
 
-    Epochs whose circles would cover those of an earlier one are left out; the picture says how many are shown.
-
-    places: shape (n, 2), n > 0; reference positions, local frame, m.
-    small, large: what the circles stand for, and the kurtosis along the significant ray, shape (n,); NaN where it is
-        not defined.
-    point_map: drawn below, in grey.
+    `places` (n, 2), n > 0: local frame, m; `small`, `large`: label and kurtosis, (n,), NaN where not defined. Epochs
+    whose circles would cover those of an earlier one are left out.
     """
     from matplotlib.lines import Line2D
 

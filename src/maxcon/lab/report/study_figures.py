@@ -65,10 +65,7 @@ def common_rows(methods: Methods, names: Sequence[str]) -> dict[str, MethodRows]
 
 
 def draw_statistics(folder: Path, methods: Methods, point_map: PointMap | None) -> list[Picture]:
-    """Draw the figures into a folder, as SVG; return them with their captions.
-
-    point_map: drawn below the trajectory, if given.
-    """
+    """Draw the figures, the trajectory over a map if given, into a folder, as SVG; return them with their captions."""
     measured = {stem: pair for stem, pair in PAIRS.items() if _have(methods, pair, "kurtosis")}
     own = [name for name in own_methods(methods) if _have(methods, [name, *PAIRS["occupied"]], "kurtosis")]
     groups = measured | ({"occupied": (*own[: MOST_SHOWN - 2], *PAIRS["occupied"])} if own else {})
@@ -129,10 +126,8 @@ def certainty_of(
 ) -> dict[str, Any]:
     """Return tables and pictures of how certain methods are, for the page; pictures are drawn into a folder, as SVG.
 
-    prior: that of the pictures; the timelines are of all of them.
-    configured: configuration of each method by its name, as the study saved it.
-
-    The Stanford diagram is of one method: the first that has a covariance, the user's own before others.
+    They are of one prior, timelines of all; `configured` is as the study saved it. The Stanford diagram is of the first
+    method that has a covariance, the user's own before others.
     """
     methods = by_prior[prior]
     coverage, protection = [], []

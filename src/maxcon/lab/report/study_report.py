@@ -27,6 +27,7 @@ from maxcon.search.objectives import Objective
 from maxcon.search.space import SearchSpace
 
 FEW_EPOCHS = 50
+MAIN_METHODS = ("maxcon", HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
 WITHOUT_GROUND = ("helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
 """Methods that are shown beside those with the ground in the map."""
 
@@ -77,10 +78,11 @@ def report_study(
     certainty = certainty_of(folder, by_prior, prior, study.configuration.methods)
     space = space_of(study.configuration.methods, HELMERT) or SearchSpace.paper()
     numbers = {name: [statistics(rows) for rows in methods.values()] for name, methods in by_prior.items()}
+    main = [*own_methods(methods), *(name for name in MAIN_METHODS if name in methods)]
     page_of = {
         "title": f"maxcon study: {_name(study)}", "name": _name(study), "prior": prior,
         "success": SUCCESS_WORDS, "table": study.table,
-        "main": [statistics(methods[name]) for name in _main_methods(methods)],
+        "main": [statistics(methods[name]) for name in main or list(methods)[:6]],
         "epochs": {epoch for rows in methods.values() for epoch in rows.numbers("epoch").tolist()},
         "study": study.configuration, "claims": paper_claims(methods, space.cell_edge, by_prior.get(REFERENCE)),
         "tables": [table for name, found in numbers.items() for table in method_tables(name, found)],
@@ -118,11 +120,6 @@ def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
     if len(n_epochs) > 1:
         notes.append("Not all methods were studied over the same epochs; the tables say over how many.")
     return notes
-
-
-def _main_methods(methods: dict[str, MethodRows]) -> list[str]:
-    known = ("maxcon", HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
-    return [*own_methods(methods), *(name for name in known if name in methods)] or list(methods)[:6]
 
 
 def _command(study_folder: str | os.PathLike[str], path: str | os.PathLike[str], **options: object) -> str:

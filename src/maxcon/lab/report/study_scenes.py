@@ -123,10 +123,8 @@ def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) 
 def open_scenes(
     study: Study, dataset: str | os.PathLike[str] | None, prior: str, notes: list[str], own: Objective | None = None
 ) -> Scenes | None:
-    """Open the dataset of a study, where it is now or, if None, was; None, and a note, if it is not the one studied.
-
-    `own` is a user's objective, drawn beside ours.
-    """
+    """Open the dataset of a study, where it is now or, if None, was; None, and a note, if it is not the one studied."""
+    # `own` is a user's objective, drawn beside ours.
     configuration, names = study.configuration, (HELMERT, "helmert-occupied")
     name = next((name for name in names[:: 1 if own is None else -1] if name in configuration.methods), None)
     space = space_of(configuration.methods, name or "")

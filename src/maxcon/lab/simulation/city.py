@@ -154,11 +154,8 @@ class PeriodicCity:
 
 
 def build_periodic_city(seed: Seed, grid: StreetGrid = CAMPAIGN_GRID) -> PeriodicCity:
-    """Return a city of periodic facades, the same for every seed; its items are drawn.
-
-    If centre lines and building lines of the grid lie at multiples of 3 m, as here, the period continues beyond
-    crossings.
-    """
+    """Return a city of periodic facades, the same for every seed; its items are drawn."""
+    # The period continues beyond crossings if, as here, all lines of the grid lie at multiples of 3 m.
     rng = np.random.default_rng(seed)
     parts = [grid.ground()]
     items: list[Patch] = []

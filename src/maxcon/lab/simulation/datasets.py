@@ -160,20 +160,15 @@ def _ticks_apart(every: float, n_epochs: int) -> int:
 
 
 def simulate_suburb(
-    out: str | os.PathLike[str],
-    *,
-    n_epochs: int = 200,
-    road_length: float = ROAD_LENGTH,
+    out: str | os.PathLike[str], *, n_epochs: int = 200, road_length: float = ROAD_LENGTH,
     **options: Unpack[DatasetOptions],
-) -> Dataset:
+) -> Dataset:  # fmt: skip
     """Write a seeded suburb: a residential road is mapped there and back, and driven on another day.
 
-    n_epochs: how many scans. 601 are 0.1 s apart and take the minute of the drive; fewer are chosen from these, spread
-        evenly over the same drive.
+    n_epochs: how many scans. 601 are 0.1 s apart; fewer are chosen from these, spread evenly over the same minute.
     road_length: 60 to 2000 m.
 
-    The priors are those of `simulate_campaign`. An OptionError if the road has fewer than `n_epochs` epochs, or is too
-    short or too long; other errors as of `simulate`.
+    Priors as of `simulate_campaign`, errors as of `simulate`; an OptionError too if the road has fewer epochs.
     """
     if not 1 <= n_epochs <= n_epochs_on(road_length):
         raise OptionError(
@@ -205,12 +200,8 @@ def _write(
     folder: Path, world: World, epochs: Sequence[Epoch], priors: Mapping[str, Sequence[Pose]], options: DatasetOptions,
     words: str, *, classes: Iterable[LasClass] = tuple(LasClass)[1:], map_sigma: float | None = None,
 ) -> None:  # fmt: skip
-    """Measure map and scans, and write them, streamed, with their poses and the description.
-
-    words: what the dataset is, for the comment at the top: seed and number of epochs.
-    classes: those that points of the map have; by default every point is classified.
-    map_sigma: standard deviation of the map's position, m; if None it is left to be estimated from its rounds.
-    """
+    """Measure map and scans, and write them, streamed, with poses and description; `words` begin its comment."""
+    # `classes`: those that points of the map have; without `map_sigma` (m) its position is estimated from its rounds.
     import pyproj
 
     pieces = world.mapping.pieces(options.get("mapping_scanners", MAPPING_SCANNERS))
@@ -249,18 +240,11 @@ def _changed(world: World, epochs: Sequence[Epoch], scanner: Scanner) -> str:
 
 
 def write_epochs(
-    folder: Path,
-    epochs: Sequence[Epoch],
-    scans: Iterable[Returns],
-    priors: Mapping[str, Sequence[Pose]],
+    folder: Path, epochs: Sequence[Epoch], scans: Iterable[Returns], priors: Mapping[str, Sequence[Pose]],
     tick: Callable[[], None] = lambda: None,
-) -> None:
-    """Stream scans to `folder`/scans, in the sensor frame, and write their times, reference poses and priors.
-
-    scans: in city metres, one per epoch.
-    priors: T_city_sensor, one per epoch, by the names of their files.
-    tick: called after each scan.
-    """
+) -> None:  # fmt: skip
+    """Stream scans (city metres) to `folder`/scans, in the sensor frame; write times, reference poses and priors."""
+    # There is one scan and one prior (T_city_sensor) per epoch; priors come by their files' names.
     place = folder / "scans"
     place.mkdir()
     for number, (epoch, returns) in enumerate(zip(epochs, scans, strict=True)):

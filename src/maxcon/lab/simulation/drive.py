@@ -126,14 +126,9 @@ class RoundDriver(NamedTuple):
 
 
 def drive_round(
-    circuit: Circuit,
-    driver: RoundDriver,
-    seed: Seed,
-    *,
-    height: float,
-    start_time: float,
+    circuit: Circuit, driver: RoundDriver, seed: Seed, *, height: float, start_time: float,
     duration: float | None = None,
-) -> Drive:
+) -> Drive:  # fmt: skip
     """Return the drive of `driver` once round `circuit`; speeds, not waits, are scaled to a `duration`, s."""
     rng = np.random.default_rng(seed)
     distances = circuit.distances
@@ -171,12 +166,9 @@ def _times(distances: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArr
 
 
 def _swaying(
-    points: NDArray[np.float64],
-    times: NDArray[np.float64],
-    distances: NDArray[np.float64],
-    height: float,
+    points: NDArray[np.float64], times: NDArray[np.float64], distances: NDArray[np.float64], height: float,
     rng: np.random.Generator,
-) -> Drive:
+) -> Drive:  # fmt: skip
     """Drive that is at `points`, shape (k, 2), at `times`: it rolls and pitches, and its height sways, a little."""
     roll, pitch = (sway(distances, math.radians(0.8), (6.0, 40.0), rng) for _ in range(2))
     z = height + sway(distances, 0.02, (5.0, 30.0), rng)

@@ -65,7 +65,9 @@ class Months:
                 yield side.placed(draw(KERB_PIECE, rng), start, grid.sidewalk - 0.35)
         if self._drawn():
             self.changes[Change.ASPHALT] += 1
-            yield side.placed(_asphalt(side.length, grid.carriageway), 0.0, grid.sidewalk)
+            x, y, z = side.length, grid.carriageway, ASPHALT - KERB_HEIGHT  # one side of the road, from the kerb on
+            layer = quads([[[0.0, 0.0, z], [x, 0.0, z], [x, y, z], [0.0, y, z]]], LasClass.GROUND)
+            yield side.placed(layer, 0.0, grid.sidewalk)
 
     def _drawn(self) -> np.random.Generator | None:
         """Whether the next thing changes: the generator of how, or None."""
@@ -95,10 +97,7 @@ def _bare(tree: Patch) -> Patch:
 
 
 def draw_scaffold(width: float, height: float, rng: np.random.Generator) -> Patch:
-    """Return a scaffold before a front of `width` and up to `height` (m), its outer side at y = 0.
-
-    It has posts, boards every 2 m and rails; one in two is hung with tarpaulins.
-    """
+    """Return a scaffold before a front (m), one in two with tarpaulins; its outer side is at y = 0."""
     posts = np.linspace(0.05, width - 0.05, 1 + max(1, round(width / 2.5)))
     lows = [[x - 0.025, y - 0.025, 0.0] for x in posts for y in (-SCAFFOLD_DEPTH, 0.0)]
     highs = [[x + 0.025, y + 0.025, height] for x in posts for y in (-SCAFFOLD_DEPTH, 0.0)]
@@ -130,9 +129,3 @@ def draw_snow_bank(length: float, rng: np.random.Generator) -> Patch:
     grid = np.stack([x, y, np.zeros_like(x)], axis=2)
     grid[1:-1, 1:3, 2] = rng.uniform(0.3, 0.9, (len(along) - 2, 2))
     return quads(grid_faces(grid), LasClass.UNCLASSIFIED)
-
-
-def _asphalt(length: float, width: float) -> Patch:
-    """A new layer on one side of a road, in the frame of its frontage, from the kerb on."""
-    z = ASPHALT - KERB_HEIGHT
-    return quads([[[0.0, 0.0, z], [length, 0.0, z], [length, width, z], [0.0, width, z]]], LasClass.GROUND)

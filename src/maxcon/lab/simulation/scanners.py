@@ -91,13 +91,9 @@ class RangeFinder:
         return np.asarray((hits.triangles >= 0) & is_near)
 
     def measure(
-        self,
-        caster: Caster,
-        origins: NDArray[np.float64],
-        directions: NDArray[np.float64],
-        times: NDArray[np.float64],
+        self, caster: Caster, origins: NDArray[np.float64], directions: NDArray[np.float64], times: NDArray[np.float64],
         rng: np.random.Generator,
-    ) -> Returns:
+    ) -> Returns:  # fmt: skip
         """Return what rays measure: origins, city metres, and unit directions, (n, 3), at `times`, (n,), s."""
         hits = caster.cast(origins.astype(np.float32), directions.astype(np.float32))
         rows = np.flatnonzero(self.are_returns(hits) & (rng.random(len(origins)) >= self.dropout))
@@ -362,13 +358,9 @@ class DeskewErrors(NamedTuple):
 
 
 def scan_moving(
-    scanner: Scanner,
-    caster: Caster,
-    drive: Drive,
-    time: float,
-    rng: np.random.Generator,
+    scanner: Scanner, caster: Caster, drive: Drive, time: float, rng: np.random.Generator,
     errors: DeskewErrors | None = None,
-) -> Returns:
+) -> Returns:  # fmt: skip
     """Return one scan from a moving vehicle, city metres, deskewed to `time` (s) by a motion with `errors`."""
     bounds, rays = errors or DeskewErrors(), scanner.rays(time)
     positions, rotations = _poses_at(drive, time + rays.offsets)

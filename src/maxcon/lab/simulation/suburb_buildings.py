@@ -101,15 +101,9 @@ def _edges(low: float, high: float, between: list[float]) -> NDArray[np.float64]
 
 
 def _around(
-    width: float,
-    depth: float,
-    height: float,
-    cladding: str,
-    rng: np.random.Generator,
-    *,
-    n_storeys: int,
+    width: float, depth: float, height: float, cladding: str, rng: np.random.Generator, *, n_storeys: int,
     door: Window | None = None,
-) -> Patch:
+) -> Patch:  # fmt: skip
     """Four walls with different windows; the front has the door, too."""
     walls: list[Patch] = []
     for x, y, heading, length in (

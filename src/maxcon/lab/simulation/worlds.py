@@ -338,11 +338,8 @@ class CampaignWorld(World):
         )
 
     def again(self, drive_number: int, day: int = 1) -> Self:
-        """Return the same world on another drive of the car, with another speed profile, other noise and other priors.
-
-        drive_number: from 0, the first drive.
-        day: 1 for the day of the first drive; on each other day, other cars are parked.
-        """
+        """Return the same world on another drive of the car, with other speeds, noise and priors."""
+        # `drive_number` counts from 0; `day` is 1 for the first drive, on each other day other cars are parked.
         start = SCAN_START + 86_400.0 * (day - 1)
         world = replace(self, start=start, drive_number=drive_number)
         if day > 1:

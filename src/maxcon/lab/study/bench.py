@@ -28,7 +28,7 @@ from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
 from maxcon.search.accumulator import Accumulator, SearchMethod
-from maxcon.search.objectives import Helmert, Objective
+from maxcon.search.objectives import Helmert
 
 REFERENCE = "reference"
 """Name of the reference as a prior: the search space lies around the true pose, as in the paper's figures."""
@@ -172,7 +172,11 @@ def _answer(study_method: StudyMethod, point_map: PointMap, start: Pose, shared:
         taken += 1e3 * (time.perf_counter() - clock)
         if estimate.status is Status.NO_MATCH:
             return _Answer(estimate, taken)
-        return _Answer(estimate, taken, _distinctness_or_none(accumulator, method.cell_search.objective))
+        objective = method.cell_search.objective
+        scores = accumulator.score(objective)
+        if not (np.isfinite(scores).all() and (scores >= 0.0).all()):  # the measures are not defined for these
+            return _Answer(estimate, taken)
+        return _Answer(estimate, taken, distinctness(accumulator, objective, scores=scores))
     scan = Scan(scan.points, time=scan.time)  # whatever it needs of the scan is charged to it
     prepare_map(method, scan, point_map, start)
     clock = time.perf_counter()
@@ -190,13 +194,6 @@ def prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) ->
     elif isinstance(method, MaximumConsensus):
         # Tiles are read, and merged to levels, when they are first searched: which ones, only the search can tell.
         method.localize(scan, point_map, start)
-
-
-def _distinctness_or_none(accumulator: Accumulator, objective: Objective) -> Distinctness | None:
-    """Measures of distinctness; none for scores that they are not defined for, below 0 or infinite."""
-    scores = accumulator.score(objective)
-    is_measurable = np.isfinite(scores).all() and (scores >= 0.0).all()
-    return distinctness(accumulator, objective, scores=scores) if is_measurable else None
 
 
 def _answer_columns(answer: _Answer, reference: Pose | None, point_map: PointMap) -> dict[str, Any]:

@@ -43,10 +43,7 @@ MOST_VISITS = 8  # all pairs of up to so many visits to a place are matched; of 
 
 
 class Places:
-    """Points of all passes sorted into squares, on disk where they are many, 22 bytes a point.
-
-    `origin` (3,): corner of place (0, 0), global, m.
-    """
+    """Points of all passes sorted into squares from `origin` (global, m) on, on disk where many, 22 bytes a point."""
 
     def __init__(self, folder: Path, origin: NDArray[np.float64]) -> None:
         self.buckets = TileBuckets(folder, PLACE_POINT, "points")
@@ -184,11 +181,8 @@ def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], correctio
 
 
 def _open_covariance(refined: Refined) -> NDArray[np.float64]:
-    """Covariance (6, 6) to be added along directions that only the noise of normals seems to determine.
-
-    A point on a plane of normal n adds n n' to the information on a shift; where n has noise of s (rad), on average
-    n n' + s^2 (I - n n'). A direction in which the sum over all points hardly exceeds that of the second term is open.
-    """
+    """Covariance (6, 6) to be added along directions that only the noise of normals seems to determine."""
+    # A normal n with noise s (rad) adds n n' + s^2 (I - n n') on average: open is where the second term is most of it.
     from scipy.linalg import eigh
 
     rows = np.flatnonzero(refined.weights)

@@ -128,10 +128,8 @@ def _around(heights_of: HeightsOf, key: TileKey, n: int, reach: int) -> NDArray[
 
 
 def _is_object(heights: NDArray[np.float64], edge: float) -> NDArray[np.bool_]:
-    """Which cells an opening with growing windows removes by more than a slope explains.
-
-    Squares are openings of each other: each may be made of the heights themselves, and none looks beyond its window.
-    """
+    """Which cells an opening with growing windows removes by more than a slope explains."""
+    # Squares are openings of each other: each may be made of the heights themselves, none looks beyond its window.
     from scipy.ndimage import maximum_filter, minimum_filter
 
     is_known = np.isfinite(heights)

@@ -285,11 +285,8 @@ def _planes(
 
 
 def _variance(differences: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
-    """Variance of differences (m) less that of their noise (m^2), without those of things that changed, m^2.
-
-    Two passes d apart are both within `LARGEST_OFFSET` of a cube's middle the less often the larger d is, and count
-    the more for it. Beyond 0.9 of the most that can be seen there is nothing to weigh.
-    """
+    """Variance of differences (m) less that of their noise (m^2), without those of things that changed, m^2."""
+    # The larger a difference is, the less often are both passes near enough to a cube's middle: it counts the more.
     sizes, largest = np.abs(differences), 2.0 * LARGEST_OFFSET
     is_usual = sizes <= min(OUTLIER * float(np.median(sizes)) / NORMAL_MEDIAN, 0.9 * largest)
     weights = 1.0 / (largest - sizes[is_usual])

@@ -1,14 +1,13 @@
 """Evidence: hits and misses of the voxels of a map, and of candidates for new ones, by the rays of all drives.
 
 A ray hits a voxel if it ended in it or in one of the 26 around: noise moves an end by less than that, mostly.
+A pulse without a return is no ray: from glass, water and the sky nothing follows.
 
 A ray misses a voxel if it crossed the surface in it and ended clearly behind. The surface is the plane through the
 mean of the voxel's points, along their normal. The ray must cross this plane inside of the voxel, not at a flat angle,
 and both the sensor and the end must lie farther from the plane than noise explains, on either side. So a road seen at a
 flat angle is not carved: its rays end on the very plane that they pass through. A voxel without a normal is crossed if
 the ray passes its mean within half an edge, and ends twice as far behind.
-
-A pulse without a return is no ray: from glass, water and the sky nothing follows.
 
 The scans are read twice. First, points where the map has nothing are sorted into tiles; voxels that hold enough of
 them are candidates. Then every ray is walked through the voxels of map and candidates alike. Only the tiles in reach of
@@ -26,7 +25,6 @@ from numpy.typing import NDArray
 from maxcon._system import Progress
 from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey, VoxelTile
-from maxcon.map.ground import GroundPatch
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.voxel_table import VoxelTable, voxel_table
 from maxcon.map.voxelize import tile_of_voxels
@@ -65,16 +63,9 @@ def is_hit(end: NDArray[np.float64], voxels: NDArray[np.integer], cell: float) -
 
 
 def is_miss(
-    origin: NDArray[np.float64],
-    end: NDArray[np.float64],
-    voxels: NDArray[np.integer],
-    means: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    cell: float,
-    margin: float,
-    least_cosine: float,
-    reach: float,
-) -> NDArray[np.bool_]:
+    origin: NDArray[np.float64], end: NDArray[np.float64], voxels: NDArray[np.integer], means: NDArray[np.float64],
+    normals: NDArray[np.float64], cell: float, margin: float, least_cosine: float, reach: float,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Whether a ray missed each of the voxels: it saw through the surface there.
 
     `origin`, `end` (3,): where the sensor was and where the ray ended, local frame, m; `voxels` (n, 3): indices;
@@ -223,11 +214,8 @@ def _stretches(
 def _sort_unknown_points(
     ends: NDArray[np.float64], pose: Pose, point_map: PointMap, options: UpdateOptions, buckets: TileBuckets
 ) -> None:
-    """Keep the ends of rays near no surface of the map, above the ground, and in front of a known surface.
-
-    The last condition tells a new object from surroundings that the map does not cover, such as the end of a side
-    street or a house seen through a gap: only behind the new object does the map go on.
-    """
+    """Keep the ends of rays near no surface of the map, above the ground, and in front of a known surface."""
+    # Only behind a new object does the map go on: surroundings that it does not cover have nothing behind them.
     from maxcon.mapping.update.ray_kernels import are_far_from_voxels, hide_known_surfaces
 
     to_sensor = pose.position - ends
@@ -239,7 +227,11 @@ def _sort_unknown_points(
     are_far_from_voxels(ends, NEAR_VOXELS, point_map.cell, table, is_far)
     rows = np.flatnonzero(is_far)
     patch = point_map.ground_around(pose.x, pose.y, options.reach + BEHIND[1])
-    rows = rows[~_are_on_ground(ends[rows], patch)]
+    heights, away = patch.filled()
+    known = np.where(away <= GROUND_FILL, heights, np.nan)
+    above = ends[rows, 2] - known[:, *patch.cells_at(ends[rows, 0], ends[rows, 1])]  # comparisons with NaN are false
+    is_on_ground = (np.abs(above) <= GROUND_CLEARANCE).any(axis=0) | (above[0] < 0.0)  # or below
+    rows = rows[~is_on_ground]
     is_hiding = np.empty(len(rows), bool)
     hide_known_surfaces(
         pose.position, ends[rows], *BEHIND, point_map.cell, table, patch.heights, np.array(patch.first), patch.edge,
@@ -248,15 +240,6 @@ def _sort_unknown_points(
     rows = rows[is_hiding]
     directions = (to_sensor[rows] / distances[rows, None]).astype(np.float32)
     buckets.add(*point_records(ends[rows], directions, point_map.cell))
-
-
-def _are_on_ground(points: NDArray[np.float64], patch: GroundPatch) -> NDArray[np.bool_]:
-    """Whether each point lies on the ground, or below; none does where the map does not know the ground."""
-    heights, distances = patch.filled()
-    known = np.where(distances <= GROUND_FILL, heights, np.nan)
-    rows, columns = patch.cells_at(points[:, 0], points[:, 1])
-    above = points[:, 2] - known[:, rows, columns]  # comparisons with NaN are false
-    return np.asarray((np.abs(above) <= GROUND_CLEARANCE).any(axis=0) | (above[0] < 0.0))
 
 
 def _candidates_of_tile(

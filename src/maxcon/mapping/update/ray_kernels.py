@@ -84,10 +84,7 @@ def _first_border(place, along, cell):
 
 @njit(nogil=True, cache=True, counts_references=False)
 def _walk(origin, end, scan, cell, margin, least_cosine, reach, weights, table, evidence):
-    """Add a miss to each voxel that a ray saw through, unless a ray of the same observation judged it before.
-
-    Voxels are visited along the ray (Amanatides and Woo 1987); a patch without any is looked up only once.
-    """
+    """Add a miss to each voxel a ray saw through (Amanatides and Woo 1987), if none of its observation judged it."""
     _, miss, lowest, highest = weights
     log_odds, _, n_misses, _, seen_in = evidence
     dx, dy, dz = end[0] - origin[0], end[1] - origin[1], end[2] - origin[2]
