@@ -196,16 +196,20 @@ def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
     all_found(tiles, [*near, *rng.integers(-3 * TILE_VOXELS, 3 * TILE_VOXELS, (50, 3)).tolist()])
 
 
-@given(SEEDS, st.sampled_from([0, 2**29]))
-def test_tables_that_were_given_out_stay_as_they_are_while_more_tiles_come(seed, most_bytes):
+@given(SEEDS, st.sampled_from([(0, 2**25), (2**29, 2**25), (2**24, 0)]))
+def test_tables_that_were_given_out_stay_as_they_are_while_more_tiles_come(seed, limits):
     rng = np.random.default_rng(seed)
     tiles = {tile.key: tile for tile in tiles_of(rng, 200, 1.0)}
     load, table, given_out = (lambda keys: [tiles[key] for key in keys]), TileTable(), []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("maxcon.map.voxel_table.MOST_BYTES", most_bytes)
+        for name, limit in zip(("MOST_BYTES", "LARGE"), limits, strict=True):
+            patch.setattr(f"maxcon.map.voxel_table.{name}", limit)
         for _ in range(4):
             keys = [key for key in tiles if rng.random() < 0.5]
+            arrays = table._arrays.copy()
             given_out.append((keys, table.of(keys, load)))
+    if limits == (2**24, 0):  # a large table has room for all that come
+        assert all(now is before for now, before in zip(table._arrays, arrays, strict=True))
     for keys, found in given_out:
         plain = voxel_table([tiles[key] for key in keys])
         for key in tiles:

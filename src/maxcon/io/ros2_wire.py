@@ -106,6 +106,7 @@ class Ros2Wire:
     def _topic(self, topic: str, kind: str) -> Any:
         from cyclonedds.topic import Topic
 
+        message_types("cdr").get_msgdef(kind)  # makes the code that packs and unpacks: the first message need not wait
         return Topic(self._participant, dds_names(topic, kind)[0], _type_of(kind))
 
 

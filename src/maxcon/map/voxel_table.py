@@ -27,8 +27,9 @@ COLUMNS: tuple[tuple[type, tuple[int, ...]], ...] = (
     (np.float32, (3,)), (np.int32, ()), (np.uint8, (3,)),
 )  # fmt: skip
 ROWS, HELD, NUMBERS = 0, 2, 3
-MOST_BYTES, ROOM = 2**29, 1.25
-"""A table that holds more is begun anew, with the tiles that are asked for; arrays grow by this factor."""
+MOST_BYTES, LARGE, ROOM = 2**29, 2**25, 1.25
+"""A table that holds more is begun anew, with the tiles that are asked for. Arrays grow by this factor; of a table
+larger than `LARGE` once, to what the largest needs: memory is given where it is written, and copies hold up a search."""
 
 
 class TileTable:
@@ -110,7 +111,8 @@ class TileTable:
         array, size = self._arrays[column], self._sizes[column]
         end = size + sum(map(len, parts))
         if end > len(array):
-            grown = np.empty((max(int(ROOM * len(array)), end), *array.shape[1:]), array.dtype)
+            room = size * MOST_BYTES / self.n_bytes if self.n_bytes > LARGE else len(array)
+            grown = np.empty((max(int(ROOM * room), end), *array.shape[1:]), array.dtype)
             grown[:size] = array[:size]
             self._arrays[column] = array = grown
         np.concatenate(parts, out=array[size:end], casting="unsafe")
