@@ -29,7 +29,7 @@ COLUMNS: tuple[tuple[type, tuple[int, ...]], ...] = (
 ROWS, HELD, NUMBERS = 0, 2, 3
 MOST_BYTES, LARGE, ROOM = 2**29, 2**25, 1.25
 """A table that holds more is begun anew, with the tiles that are asked for. Arrays grow by this factor; of a table
-larger than `LARGE` once, to what the largest needs: memory is given where it is written, and copies hold up a search."""
+larger than `LARGE` once, to what the largest needs: memory is given where it is written, copies hold up a search."""
 
 
 class TileTable:
