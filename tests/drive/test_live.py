@@ -125,6 +125,17 @@ def test_within_the_delay_the_order_of_messages_does_not_matter(live, point_map)
     assert answers[-1].counts == (N_SCANS, 0, 0, 0)
 
 
+def test_a_rehearsal_localizes_a_scan_of_the_map_and_leaves_no_trace(point_map, monkeypatch):
+    tried, localize = [], MaximumConsensus.localize
+    monkeypatch.setattr(MaximumConsensus, "localize", lambda *given: tried.append(localize(*given)) or tried[-1])
+    live = LiveLocalizer(point_map, METHOD)
+    live.rehearse()
+    assert any(estimate.is_localized for estimate in tried)
+    assert live.answer() is None
+    LiveLocalizer(PointMap.from_points(np.empty((0, 3)), np.empty((0, 3)), CELL), METHOD).rehearse()
+    assert len(tried) == 2
+
+
 def test_the_command_waits_as_long_as_the_library():
     waiting = Waiting()
     assert LiveOptions(waiting.delay, waiting.queue, waiting.patience) == LiveOptions()

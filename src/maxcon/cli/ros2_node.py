@@ -60,6 +60,7 @@ class Ros2Node:
         """Answer what comes until something is raised, by a signal for example."""
         if self._outputs.map_spacing > 0.0:
             threading.Thread(target=self._publish_thinned_map, daemon=True).start()
+        self._live.rehearse()
         names = self._topics
         topics = {names.points: (CLOUD, self._take_cloud), names.odometry: (ODOMETRY, self._take_odometry)}
         if self._geographic is not None:

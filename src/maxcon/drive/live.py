@@ -28,6 +28,7 @@ from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.map.tile import n_waited_for
 from maxcon.relocalization import Relocalizer
+from maxcon.scan import Scan
 from maxcon.scan.deskew import deskew
 from maxcon.scan.trajectory import Trajectory
 from maxcon.search.coarse import CELL
@@ -45,6 +46,7 @@ METRES_AHEAD, EVERY_METRES = (50.0, 100.0, 150.0), 5.0
 # At first an answer that comes later, s, is a rehearsal, in which code and tiles are loaded: it is not given. So many
 # are at most.
 IN_TIME, MOST_REHEARSALS = 0.08, 10
+REHEARSED = 20  # one of so many points of a tile is rehearsed with
 LONGEST_WAIT = 0.06  # s; scans that wait longer, and longer than the delay, are dropped: the next one is nearer to now
 
 
@@ -152,6 +154,17 @@ class LiveLocalizer:
         self._n_without, self._n_off = 1, 0  # scans in a row without a place, positions in a row that are off
         # m; until the place that was found is believed, and driven since the last position
         self._to_confirm, self._way = 0.0, 0.0
+
+    def rehearse(self) -> None:
+        """Localize points of the map itself, so that the code of a search is in memory before the first scan comes."""
+        keys = sorted(self.map.tile_keys)
+        with suppress(MaxconError):  # it is said where the tile is needed
+            for key in keys[len(keys) // 2 :][:1]:
+                points = self.map.tile(key).mean_points(self.map.cell)[::REHEARSED]
+                x, y, z = points.mean(axis=0).tolist()
+                here = Pose(x, y, z, 0.0, 0.0, 0.0)
+                for prior in (here, here.translated([1.0, 0.0, 0.0])):
+                    self._method.localize(Scan(points - here.position), self.map, prior)
 
     # --- what comes in ----------------------------------------------------------------------------------------
 
