@@ -206,10 +206,7 @@ def test_tables_that_were_given_out_stay_as_they_are_while_more_tiles_come(seed,
             patch.setattr(f"maxcon.map.voxel_table.{name}", limit)
         for _ in range(4):
             keys = [key for key in tiles if rng.random() < 0.5]
-            arrays = table._arrays.copy()
             given_out.append((keys, table.of(keys, load)))
-    if limits == (2**24, 0):  # a large table has room for all that come
-        assert all(now is before for now, before in zip(table._arrays, arrays, strict=True))
     for keys, found in given_out:
         plain = voxel_table([tiles[key] for key in keys])
         for key in tiles:
@@ -220,6 +217,19 @@ def test_tables_that_were_given_out_stay_as_they_are_while_more_tiles_come(seed,
                 if number >= 0:
                     wanted = find_in_patch(*voxel[:2], find_patch(*voxel, plain), plain)
                     assert plane_of_voxel(number, *voxel, 0.06, found) == plane_of_voxel(wanted, *voxel, 0.06, plain)
+
+
+@given(SEEDS)
+def test_a_large_table_has_room_for_all_that_come(seed):
+    tiles = {tile.key: tile for tile in tiles_of(np.random.default_rng(seed), 200, 30.0)}
+    load, table = (lambda keys: [tiles[key] for key in keys]), TileTable()
+    with pytest.MonkeyPatch.context() as patch:
+        for name, limit in (("MOST_BYTES", 2**24), ("LARGE", 0)):
+            patch.setattr(f"maxcon.map.voxel_table.{name}", limit)
+        table.of([max(tiles, key=lambda key: len(tiles[key]))], load)
+        arrays = table._arrays.copy()
+        table.of(tiles, load)
+    assert len(tiles) > 1 and all(now is before for now, before in zip(table._arrays, arrays, strict=True))
 
 
 @given(SEEDS, st.sampled_from([1, 500]), st.sampled_from([0.3, 30.0]))

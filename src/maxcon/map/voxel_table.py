@@ -103,16 +103,17 @@ class TileTable:
                 part.append(values)
             n_layers, n_held, n_voxels = n_layers + len(layers), n_held + occupancy.held.size, n_voxels + len(tile)
             self._n_patches += len(occupancy.words)
+        n_bytes = self.n_bytes + sum(values.nbytes for part in parts for values in part)
+        room = ROOM * max(1.0, MOST_BYTES / n_bytes) if n_bytes > LARGE else ROOM
         for column, part in enumerate(parts if tiles else ()):
-            self._extend(column, part)
+            self._extend(column, part, room)
 
-    def _extend(self, column: int, parts: Sequence[NDArray[Any]]) -> None:
-        """Put values behind those of a column, in a larger array if they have no room."""
+    def _extend(self, column: int, parts: Sequence[NDArray[Any]], room: float = 1.0) -> None:
+        """Put values behind those of a column, in an array `room` times as large if they have no room."""
         array, size = self._arrays[column], self._sizes[column]
         end = size + sum(map(len, parts))
         if end > len(array):
-            room = size * MOST_BYTES / self.n_bytes if self.n_bytes > LARGE else len(array)
-            grown = np.empty((max(int(ROOM * room), end), *array.shape[1:]), array.dtype)
+            grown = np.empty((int(room * end), *array.shape[1:]), array.dtype)
             grown[:size] = array[:size]
             self._arrays[column] = array = grown
         np.concatenate(parts, out=array[size:end], casting="unsafe")
