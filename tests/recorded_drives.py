@@ -6,7 +6,8 @@ import numpy as np
 
 from maxcon.geometry import Pose
 from maxcon.geometry.pose import quaternions_from_angles
-from maxcon.io.recordings.recording import Entry, RecordingKind, header_of, write_bag, write_recording
+from maxcon.io.recordings.livox import LIVOX
+from maxcon.io.recordings.recording import ADDED, Entry, RecordingKind, header_of, write_bag, write_recording
 from maxcon.io.scans import RawScan, Scans
 from maxcon.lab.simulation.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory
@@ -14,6 +15,14 @@ from maxcon.scan.trajectory import Trajectory
 NAMES = {"bag": "drive.bag", "ros2": "drive", "mcap": "drive.mcap"}
 """File or folder of a recording, by its kind; every format that is read."""
 START = 1_626_870_701.0
+for kind in LIVOX:  # rosbags has no definitions to write these by
+    ADDED[kind.replace("Msg", "Point")] = (
+        "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\nuint8 tag\nuint8 line\n"
+    )
+    ADDED[kind] = (
+        "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
+        "CustomPoint[] points\n"
+    )
 
 
 class MadeScans(Scans):

@@ -78,7 +78,8 @@ def test_a_turn_that_begins_on_the_other_side_is_tried_where_it_moves_one_side_o
     point_map, scan = made(1)
     size, points = 0.02, scan.points
     refined = refine(scan, point_map, TRUTH)
-    found = patterns.Corrected(pattern, size, scan, refined, gain=0.1, significance=9.0)
+    partners = patterns.Partners.of(refined, point_map, table_around(scan.sample, point_map, [TRUTH]))
+    found = patterns.Corrected(pattern, size, scan, refined, partners, gain=0.1, significance=9.0)
     here = refined.pose.apply(points - size * pattern.direction(points))
     sides = []
     for other, same_size, move in patterns._of_other_side(found):

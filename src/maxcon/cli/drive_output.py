@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -21,7 +20,7 @@ from maxcon._system.engine import Engine
 from maxcon.cli.drive_inputs import DriveOpener, OpenedDrive
 from maxcon.cli.map_words import assumed_words, sigma_words
 from maxcon.cli.options import TableOptions
-from maxcon.cli.terminal import Stop, compiling_told, step_bars
+from maxcon.cli.terminal import Stop, compiling_told, print_json, step_bars
 from maxcon.drive.diagnosis import above_ground, alternative_that_fits, heights_in_words
 from maxcon.drive.localize import EpochEstimate
 from maxcon.drive.many import ManyDrivesJob, localize_drives, read_drives
@@ -171,7 +170,7 @@ class TableOfDrive:
     def end(self) -> None:
         """Print the facts, if asked; exit with 1 unless all epochs are localized, of a track from the first that is."""
         if self.options.is_json:
-            typer.echo(json.dumps(self.facts, allow_nan=False))
+            print_json(self.facts)
         are_localized = [epoch.pose_global is not None for epoch in self.epochs]
         if self.is_track and any(are_localized):
             is_whole = all(are_localized[are_localized.index(True) :])

@@ -158,13 +158,14 @@ class LiveLocalizer:
     def rehearse(self) -> None:
         """Localize points of the map itself, so that the code of a search is in memory before the first scan comes."""
         keys = sorted(self.map.tile_keys)
+        if not keys:
+            return
         with suppress(MaxconError):  # it is said where the tile is needed
-            for key in keys[len(keys) // 2 :][:1]:
-                points = self.map.tile(key).mean_points(self.map.cell)[::REHEARSED]
-                x, y, z = points.mean(axis=0).tolist()
-                here = Pose(x, y, z, 0.0, 0.0, 0.0)
-                for prior in (here, here.translated([1.0, 0.0, 0.0])):
-                    self._method.localize(Scan(points - here.position), self.map, prior)
+            points = self.map.tile(keys[len(keys) // 2]).mean_points(self.map.cell)[::REHEARSED]
+            x, y, z = points.mean(axis=0).tolist()
+            here = Pose(x, y, z, 0.0, 0.0, 0.0)
+            for prior in (here, here.translated([1.0, 0.0, 0.0])):
+                self._method.localize(Scan(points - here.position), self.map, prior)
 
     # --- what comes in ----------------------------------------------------------------------------------------
 

@@ -161,9 +161,7 @@ def adjusted(
     unknowns, planes = first.copy(), np.empty((0, 4))
     for each in passes:
         every = min(each.every, max(1, len(sample) // FEWEST_OF_MANY))
-        points, normals = (
-            read_only_view(np.ascontiguousarray(rows[::every])) for rows in (sample.points, sample.normals)
-        )
+        points, normals = (read_only_view(rows[::every]) for rows in (sample.points, sample.normals))
         planes = partner_kernels.find_partners(
             points, normals, unknowns, point_map.cell, (each.along, each.around), LEAST_COSINE, point_map.is_signed,
             table,

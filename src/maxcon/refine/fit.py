@@ -84,8 +84,7 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
             words = best.words(" (corrected)" if is_corrected else "")
             doubts.append((abs(best.size) / best.pattern.largest, f"the scan {words}"))
             if is_corrected:
-                refined, sample = best.refined, best.scan
-                partners = Partners.of(refined, point_map, table)
+                refined, sample, partners = best.refined, best.scan, best.partners
             errors += np.outer(shift, shift) * (UNMODELLED**2 if is_corrected else 1.0)
         for rival in explanation.rivals:
             shift = rival.refined.pose.less(refined.pose)

@@ -180,14 +180,15 @@ def planes_within(
 class Corrected:
     """A scan without a pattern.
 
-    size: of the pattern; scan, refined: the scan, and its pose; gain: how much more weight its points have than those
-    of the scan as it is, as a ratio; significance: of the size, in standard deviations.
+    size: of the pattern; scan, refined, partners: the scan, its pose, and its partners there; gain: how much more
+    weight its points have than those of the scan as it is, as a ratio; significance: of the size, in sigmas.
     """
 
     pattern: Pattern
     size: float
     scan: Scan
     refined: Refined
+    partners: Partners
     gain: float
     significance: float
 
@@ -340,4 +341,4 @@ def _without(
         if abs(more) < SETTLED * abs(size):
             break
     gain = float(refined.weights.sum()) / max(weight, 1.0) - 1.0
-    return Corrected(pattern, size, without, refined, gain, abs(size) / float(sigmas[0]))
+    return Corrected(pattern, size, without, refined, partners, gain, abs(size) / float(sigmas[0]))

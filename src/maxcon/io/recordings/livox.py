@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.io.point_records import MAX_POINTS, record_type
-from maxcon.io.recordings.recording import LIVOX_PACKAGES, Message
+from maxcon.io.recordings.recording import Message
 
-LIVOX = tuple(f"{package}/msg/CustomMsg" for package in LIVOX_PACKAGES)
+LIVOX = tuple(f"{driver}/msg/CustomMsg" for driver in ("livox_ros_driver", "livox_ros_driver2", "livox_interfaces"))
 
 
 def records_of_livox(message: Message) -> tuple[int, NDArray[np.void]]:

@@ -23,15 +23,6 @@ ADDED = {
     "velodyne_msgs/msg/VelodynePacket": "time stamp\nuint8[1206] data\n",
     "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n",
 }
-LIVOX_PACKAGES = ("livox_ros_driver", "livox_ros_driver2", "livox_interfaces")  # of drivers, old and new
-for _package in LIVOX_PACKAGES:
-    ADDED[f"{_package}/msg/CustomPoint"] = (
-        "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\nuint8 tag\nuint8 line\n"
-    )
-    ADDED[f"{_package}/msg/CustomMsg"] = (
-        "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
-        "CustomPoint[] points\n"
-    )
 """Definitions of messages that rosbags lacks for ROS 1 or ROS 2."""
 FLOAT32 = 7  # code in sensor_msgs/PointField
 
