@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maxcon.map import PointMap
 from maxcon.map.voxel_table import VoxelTable
 from maxcon.refine.adjustment import Refined
-from maxcon.refine.patterns import PATCH_POINTS, Partners, explain
+from maxcon.refine.patterns import PATCH_POINTS, PATTERNS, Effects, Partners, explain
 from maxcon.scan import Scan
 
 PATCH_OFF = 0.05
@@ -60,7 +60,7 @@ class Fit:
     misfit: how far the worst of the tests is beyond its limit, as a ratio; right answers have less than 1.
     words: what was noticed, for a reader; empty if nothing.
     refined: the pose, of the scan without the pattern that it has, if it has one.
-    covariance: shape (6, 6), of x, y, z, roll, pitch and heading: what a pattern adds to that of the pose.
+    covariance: shape (6, 6), of x, y, z, roll, pitch and heading: what patterns add to that of the pose.
     """
 
     misfit: float
@@ -75,17 +75,18 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
     sample: the scan's, of which the pose was refined; table: the voxels around it.
     """
     partners, errors, doubts = Partners.of(refined, point_map, table), np.zeros((6, 6)), []
+    effects = Effects.of(partners, PATTERNS, refined.start_weights)
     for _ in range(MOST_PATTERNS):
-        explanation = explain(refined, partners, sample, point_map, table)
+        explanation = explain(refined, partners, effects, sample, point_map, table)
         best = explanation.corrected
         is_corrected = best is not None and best.pattern.is_of_scan
         if best is not None:
-            shift = best.refined.pose.less(refined.pose)
             words = best.words(" (corrected)" if is_corrected else "")
             doubts.append((abs(best.size) / best.pattern.largest, f"the scan {words}"))
             if is_corrected:
+                shift = UNMODELLED * best.refined.pose.less(refined.pose)
+                errors += np.outer(shift, shift)
                 refined, sample, partners = best.refined, best.scan, best.partners
-            errors += np.outer(shift, shift) * (UNMODELLED**2 if is_corrected else 1.0)
         for rival in explanation.rivals:
             shift = rival.refined.pose.less(refined.pose)
             if np.hypot(*shift[:2]) > COVERED:
@@ -96,6 +97,8 @@ def fit_of(refined: Refined, sample: Scan, point_map: PointMap, table: VoxelTabl
             doubts.append((UNKNOWN, f"residuals stay unexplained where the scan {explanation.unexplained.words()}"))
         if not is_corrected:
             break
+        effects = Effects.of(partners, PATTERNS, refined.start_weights)
+    errors += effects.unseen()
     doubts += [
         *_patches_beside(partners, point_map.cell), *_displaced_sides(partners, point_map, table),
         *_loose(refined, point_map), *_smeared(refined),

@@ -68,6 +68,7 @@ class Pattern:
 
     words: with its size, in `unit`s, after "the scan ..."; remedy: what to do.
     direction: how a unit of it moves each point, shape (n, 3), sensor frame (x forward).
+    usual: standard deviation of its sizes where nothing is amiss: it moves the pose, and may not show.
     notable, largest: sizes from which it is named, and from which the answer is not trusted.
     moves: of a pattern that arises while a scanner turns, and so only in scans that look all around, the move of the
         pose, (3,), m ahead, m to the left and rad, that a whole turn amounts to.
@@ -77,6 +78,7 @@ class Pattern:
     words: str
     remedy: str
     direction: Callable[[Points], Points]
+    usual: float
     notable: float
     largest: float
     unit: float = 1.0
@@ -86,34 +88,36 @@ class Pattern:
 
 DESKEW = "deskew it (--deskew)"
 PATTERNS = (
-    Pattern("looks {:+.2f} % too large", "are its units and calibration right?", lambda p: p, 0.0035, 0.03, 0.01),
+    Pattern(
+        "looks {:+.2f} % too large", "are its units and calibration right?", lambda p: p, 0.0015, 0.0035, 0.03, 0.01
+    ),
     Pattern(
         "has ranges that look {:+.2f} m too long", "calibrate the scanner",
-        lambda p: p / np.sqrt(np.maximum(np.einsum("ij,ij->i", p, p), 1e-18))[:, None], 0.05, 0.5,
+        lambda p: p / np.sqrt(np.maximum(np.einsum("ij,ij->i", p, p), 1e-18))[:, None], 0.02, 0.05, 0.5,
     ),
     Pattern(
         "looks stretched along the way by {:+.1f} m a turn", DESKEW,
-        lambda p: _phase(p, 1.0) * _along(p, 0), 0.18, 3.0, moves=(1.0, 0.0, 0.0),
+        lambda p: _phase(p, 1.0) * _along(p, 0), 0.06, 0.18, 3.0, moves=(1.0, 0.0, 0.0),
     ),
     Pattern(
         "looks stretched along the way by {:+.1f} m a turn that begins ahead", DESKEW,
-        lambda p: _phase(p, -1.0) * _along(p, 0), 0.18, 3.0, moves=(1.0, 0.0, 0.0),
+        lambda p: _phase(p, -1.0) * _along(p, 0), 0.06, 0.18, 3.0, moves=(1.0, 0.0, 0.0),
     ),
     Pattern(
         "looks twisted by {:+.1f} degrees a turn", DESKEW,
-        lambda p: _phase(p, 1.0) * _turning(p), 0.008, 0.08, math.pi / 180.0, moves=(0.0, 0.0, 1.0),
+        lambda p: _phase(p, 1.0) * _turning(p), 0.003, 0.008, 0.08, math.pi / 180.0, moves=(0.0, 0.0, 1.0),
     ),
     Pattern(
         "looks twisted by {:+.1f} degrees a turn that begins ahead", DESKEW,
-        lambda p: _phase(p, -1.0) * _turning(p), 0.008, 0.08, math.pi / 180.0, moves=(0.0, 0.0, 1.0),
+        lambda p: _phase(p, -1.0) * _turning(p), 0.003, 0.008, 0.08, math.pi / 180.0, moves=(0.0, 0.0, 1.0),
     ),
     Pattern(
         "has what is to the left {:+.2f} m farther out than the map, beside what is to the right", "",
-        lambda p: (p[:, 1:2] > 0.0) * _along(p, 1), 0.08, 0.15, is_of_scan=False,
+        lambda p: (p[:, 1:2] > 0.0) * _along(p, 1), 0.03, 0.08, 0.15, is_of_scan=False,
     ),
     Pattern(
         "has what is ahead {:+.2f} m farther to the left than the map, beside what is behind", "",
-        lambda p: (p[:, :1] > 0.0) * _along(p, 1), 0.08, 0.15, is_of_scan=False,
+        lambda p: (p[:, :1] > 0.0) * _along(p, 1), 0.03, 0.08, 0.15, is_of_scan=False,
     ),
 )  # fmt: skip
 
@@ -212,11 +216,60 @@ class Explanation:
     unexplained: Corrected | None
 
 
-def explain(refined: Refined, partners: Partners, sample: Scan, point_map: PointMap, table: VoxelTable) -> Explanation:
-    """Find the pattern that explains a scan best. refined, partners: of the sample of a scan, as it is."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Effects:
+    """What one step of the adjustment finds of patterns, each alone as one more unknown.
+
+    sizes, sigmas: shape (n,), and their standard deviations, cluster-robust, as in `covariance`; shifts: (6, n), how
+    the pose moves with a unit of each.
+    """
+
+    sizes: NDArray[np.float64]
+    sigmas: NDArray[np.float64]
+    shifts: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, partners: Partners, patterns: Sequence[Pattern], start_weights: NDArray[np.float64]) -> "Effects":
+        """The effects of patterns on a pose, which is an observation with some weights, (6,), itself."""
+        from maxcon.refine import kernels
+
+        is_near = partners.patches >= 0
+        points, distances, normals = partners.points[is_near], partners.distances[is_near], partners.planes[is_near, :3]
+        rotation, axes = kernels.rotation_and_axes(partners.pose.values[3:])
+        by_pose = np.column_stack([normals, np.cross(points @ rotation.T, normals) @ axes.T])
+        along = -normals @ rotation
+        by_pattern = np.column_stack([np.einsum("ij,ij->i", along, each.direction(points)) for each in patterns])
+        weights = np.square(1.0 - np.square(distances / GATE))[:, None]
+        inverse = np.linalg.inv(by_pose.T @ (weights * by_pose) + np.diag(start_weights))
+        moves = inverse @ (by_pose.T @ (weights * by_pattern))
+        own = by_pattern - by_pose @ moves  # what the pose cannot take up
+        information = np.maximum((weights * own**2).sum(axis=0), 1e-9)
+        sizes = (weights * own).T @ distances / information
+        scores = weights * own * (distances[:, None] - own * sizes)
+        sums = [np.bincount(partners.patches[is_near], column, partners.n_patches) for column in scores.T]
+        sigmas = np.sqrt(np.square(sums).sum(axis=1) / information**2 + PRECISION**2 / information)
+        return cls(sizes, sigmas, -moves)
+
+    def unseen(self) -> NDArray[np.float64]:
+        """Covariance, (6, 6), that all of `PATTERNS` in their usual sizes add to that of a pose.
+
+        Of each as much as the scan does not rule out: the second moment of its size, usual and as found together.
+        """
+        variances = np.array([each.usual**2 for each in PATTERNS])
+        ratios = variances / (variances + self.sigmas**2)
+        return np.asarray(self.shifts * (ratios * self.sigmas**2 + (ratios * self.sizes) ** 2) @ self.shifts.T)
+
+
+def explain(
+    refined: Refined, partners: Partners, effects: Effects, sample: Scan, point_map: PointMap, table: VoxelTable
+) -> Explanation:
+    """Find the pattern that explains a scan best.
+
+    refined, partners: of the sample of a scan, as it is; effects: of `PATTERNS` on its pose.
+    """
     step = max(1, len(sample) // TRIAL_POINTS)
     some, weight = Scan(sample.points[::step], sample.normals[::step]), float(refined.weights[::step].sum())
-    suspected = _suspected(partners, sample, refined.start_weights)
+    suspected = _suspected(effects, partners, sample)
     tried = [_without(*each, refined, weight, some, point_map, table) for each in suspected]
     best = _strongest(tried)
     if best is not None:
@@ -273,46 +326,17 @@ def _apart(one: Pose, other: Pose) -> float:
     return math.hypot(one.x - other.x, one.y - other.y)
 
 
-def _suspected(
-    partners: Partners, sample: Scan, start_weights: NDArray[np.float64]
-) -> list[tuple[Pattern, float, NDArray[np.float64]]]:
+def _suspected(effects: Effects, partners: Partners, sample: Scan) -> list[tuple[Pattern, float, NDArray[np.float64]]]:
     """Patterns that the scan may have, their sizes by one step, and how the pose moves, (6,)."""
     looks_around = len(np.unique(np.floor(SECTORS * _phase(sample.points[::8], 1.0)))) >= FEWEST_SECTORS
-    patterns = [each for each in PATTERNS if looks_around or each.moves is None]
-    if np.count_nonzero(partners.patches >= 0) < PATCH_POINTS * len(patterns):
+    if np.count_nonzero(partners.patches >= 0) < PATCH_POINTS * len(PATTERNS):
         return []
-    sizes, sigmas, moves = _sizes(partners, patterns, start_weights)
-    is_notable = (np.abs(sizes) > [each.notable for each in patterns]) | (np.hypot(*moves[:2]) > NOTABLE_SHIFT)
+    sizes, sigmas, moves = effects.sizes, effects.sigmas, effects.shifts * effects.sizes
+    is_notable = (np.abs(sizes) > [each.notable for each in PATTERNS]) | (np.hypot(*moves[:2]) > NOTABLE_SHIFT)
     is_suspect = is_notable & (np.abs(sizes) > SIGNIFICANT * sigmas)
-    is_suspect &= sigmas < [0.5 * each.largest for each in patterns]  # otherwise the scan cannot tell
-    return [(patterns[k], float(sizes[k]), moves[:, k]) for k in np.flatnonzero(is_suspect)]
-
-
-def _sizes(
-    partners: Partners, patterns: Sequence[Pattern], start_weights: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Size of each pattern by one step, its standard deviation, and how the pose moves with it, shape (6, n).
-
-    Each alone is one more unknown of the adjustment; standard deviations are cluster-robust, as in `covariance`.
-    """
-    from maxcon.refine import kernels
-
-    is_near = partners.patches >= 0
-    points, distances, normals = partners.points[is_near], partners.distances[is_near], partners.planes[is_near, :3]
-    rotation, axes = kernels.rotation_and_axes(partners.pose.values[3:])
-    by_pose = np.column_stack([normals, np.cross(points @ rotation.T, normals) @ axes.T])
-    normals_sensor = normals @ rotation
-    by_pattern = np.column_stack([-np.einsum("ij,ij->i", normals_sensor, each.direction(points)) for each in patterns])
-    weights = np.square(1.0 - np.square(distances / GATE))[:, None]
-    inverse = np.linalg.inv(by_pose.T @ (weights * by_pose) + np.diag(start_weights))
-    moves = inverse @ (by_pose.T @ (weights * by_pattern))
-    own = by_pattern - by_pose @ moves  # what the pose cannot take up
-    information = np.maximum((weights * own**2).sum(axis=0), 1e-9)
-    sizes = (weights * own).T @ distances / information
-    scores = weights * own * (distances[:, None] - own * sizes)
-    sums = [np.bincount(partners.patches[is_near], column, partners.n_patches) for column in scores.T]
-    sigmas = np.sqrt(np.square(sums).sum(axis=1) / information**2 + PRECISION**2 / information)
-    return sizes, sigmas, -moves * sizes
+    is_suspect &= sigmas < [0.5 * each.largest for each in PATTERNS]  # otherwise the scan cannot tell
+    is_suspect &= [looks_around or each.moves is None for each in PATTERNS]
+    return [(PATTERNS[k], float(sizes[k]), moves[:, k]) for k in np.flatnonzero(is_suspect)]
 
 
 def _without(
@@ -336,9 +360,10 @@ def _without(
         start = Pose(*(refined.pose.values + move).tolist())
         refined = refine_sample(without, point_map, table, start, refined.start_weights, LAST_PASSES)
         partners = Partners.of(refined, point_map, table)
-        sizes, sigmas, moves = _sizes(partners, (pattern,), refined.start_weights)
-        more, move = float(sizes[0]), moves[:, 0]
+        effects = Effects.of(partners, (pattern,), refined.start_weights)
+        more = float(effects.sizes[0])
+        move = more * effects.shifts[:, 0]
         if abs(more) < SETTLED * abs(size):
             break
     gain = float(refined.weights.sum()) / max(weight, 1.0) - 1.0
-    return Corrected(pattern, size, without, refined, partners, gain, abs(size) / float(sigmas[0]))
+    return Corrected(pattern, size, without, refined, partners, gain, abs(size) / float(effects.sigmas[0]))
