@@ -205,7 +205,7 @@ def test_points_near_the_map_that_are_not_close_are_told_unless_surfaces_are_thi
     refined = refine(Scan(points, normals), point_map, TRUTH)
     chance = np.random.default_rng(1).uniform(-0.15, 0.15, len(refined.points))
     if apart:
-        refined = replace(refined, points=refined.points[::-1] * [1.0, 1.0, 100.0], normals=refined.normals[::-1])
+        refined = replace(refined, points=refined.points[::-1] * [1.0, 1.0, 1e4], normals=refined.normals[::-1])
     found = fit._loose(replace(refined, residuals=chance), point_map)
     assert bool(found) is is_loose and not fit._loose(refined, point_map)
     if is_loose:

@@ -32,9 +32,9 @@ HELD_HEIGHT_SIGMA, HELD_TILT_SIGMA = 0.03, 0.002
 ON_GROUND = 0.25
 # Candidates that reach this ratio to the best score are adjusted to the end before they are compared.
 CONTENDING = 0.5
-# A scan whose y axis is to the right is a mirror image. Its image is adjusted to the end if its share of matches is at
-# least this ratio to that of the scan itself.
-MIRROR, NEARLY = np.array([1.0, -1.0, 1.0]), 0.97
+# A scan whose y axis is to the right is a mirror image. Its image is adjusted to the end if the share of matches of one
+# point in so many is at least this ratio to that of the scan itself.
+MIRROR, SOME, NEARLY = np.array([1.0, -1.0, 1.0]), 4, 0.97
 # A window that reaches no farther than this, m and degrees, is within reach of the adjustment: no large cells are
 # searched.
 IN_REACH, IN_REACH_DEG = 0.5, 1.5
@@ -87,7 +87,8 @@ def _fits_better(sample: Scan, found: Candidate, image: Pose, point_map: PointMa
     """Whether the mirror image of a scan fits better around a pose than the scan itself at a candidate."""
     mirrored = Scan(sample.points * MIRROR, sample.normals * MIRROR)
     table = table_around(mirrored, point_map, [image])
-    fit = adjusted_candidate(mirrored, point_map, image, FROM_LARGE_CELLS, scoring, table)
+    some = Scan(mirrored.points[::SOME], mirrored.normals[::SOME])
+    fit = adjusted_candidate(some, point_map, image, FROM_LARGE_CELLS, scoring, table)
     if fit.share < NEARLY * found.share:
         return False
     fit = adjusted_candidate(mirrored, point_map, fit.pose, LAST_PASSES, scoring, table)

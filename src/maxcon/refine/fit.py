@@ -34,14 +34,14 @@ MOST_HIDDEN_FOUND = 0.05
 NEAR, CLOSE, FEWEST_NEAR = 0.21, 0.05, 200
 """Of the points within `NEAR` of their planes, m, the ratio within `CLOSE` tells whether the map explains the scan: at
 wrong places points lie near some plane by chance. Fewer points tell nothing."""
-LEAST_CLOSE, THIN, LOSS, SMALL_CELL = 0.77, 0.025, 8.0, 0.09
-"""This ratio must be close if the scan's surfaces are no thicker than `THIN`, m, and the map's sigma no larger; else
-less, by `LOSS` times the difference. Maps of larger cells than `SMALL_CELL`, m, blur surfaces, and are not tested."""
+LEAST_CLOSE, THIN, EXACT, LOSS, SMALL_CELL = 0.87, 0.025, 0.0125, 10.0, 0.09
+"""This ratio must be close if the scan's surfaces are no thicker than `THIN`, m, and the map's sigma is at most `EXACT`;
+else less, by `LOSS` times what is more. Maps of larger cells than `SMALL_CELL`, m, blur surfaces, and are not tested."""
 FEWEST_AHEAD, LEAST_AHEAD = 50.0, 0.12
 """Of points on walls ahead, if they weigh so much, the share with a normal is at least this ratio of that aside."""
-NEIGHBOURS, FEWEST_PAIRS, MOST_PAIRS = 0.6, 50, 2000
-"""The thickness of a scan's surfaces is how far the next point lies from a point's plane, in the median of so many
-pairs that are nearer to each other, m."""
+N_NEXT, NEIGHBOURS, FEWEST_PAIRS = 4, 0.6, 50
+"""The thickness of a scan's surfaces is how far its points lie from the planes of those before them, in the median of
+at least so many pairs, of points with at most so many steps between them that are nearer to each other, m."""
 LEVEL = 0.5
 """A wall point has a normal with a vertical part below this."""
 UNKNOWN, COVERED = 2.0, 0.25
@@ -167,7 +167,7 @@ def _loose(refined: Refined, point_map: PointMap) -> list[tuple[float, str]]:
     if thickness is None:
         return []
     ratio = np.count_nonzero(distances < CLOSE) / n_near
-    least = LEAST_CLOSE - LOSS * max(0.0, thickness - THIN, point_map.sigma - THIN)
+    least = LEAST_CLOSE - LOSS * max(0.0, thickness - THIN, point_map.sigma - EXACT)
     if ratio >= least:
         return []
     words = f"of the points within {NEAR:g} m of the map's surfaces {ratio:.0%} lie within {CLOSE:g} m of them"
@@ -195,11 +195,8 @@ def _smeared(refined: Refined) -> list[tuple[float, str]]:
 
 
 def surface_thickness(points: NDArray[np.float64], normals: NDArray[np.float64]) -> float | None:
-    """How far the next point of a scan lies from the plane of a point, in the median, m; None where few are near."""
-    first = np.arange(0, len(points) - 1, max(1, math.ceil(len(points) / MOST_PAIRS)))
-    first = first[normals[first].any(axis=1)]
-    to_next = points[first + 1] - points[first]
-    is_pair = np.einsum("ij,ij->i", to_next, to_next) < NEIGHBOURS**2
-    if np.count_nonzero(is_pair) < FEWEST_PAIRS:
-        return None
-    return float(np.median(np.abs(np.einsum("ij,ij->i", normals[first], to_next)[is_pair])))
+    """How far the next points of a scan lie from the plane of a point, in the median, m; None where few are near."""
+    from maxcon.refine import kernels
+
+    distances = kernels.next_distances(points, normals, N_NEXT, NEIGHBOURS)
+    return float(np.median(distances)) if len(distances) >= FEWEST_PAIRS else None

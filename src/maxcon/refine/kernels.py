@@ -7,6 +7,8 @@ from maxcon._system.kernel_cache import njit
 # Cubes along an axis that have a number each: 400 km of 3 m. FACTOR, a large odd number, mixes the bits of a hash.
 CUBES = np.int64(2**17)
 FACTOR = 0x9E3779B97F4A7C15
+PRECISION = 0.01
+"""No distance is known better than this, m: where the pose takes up nearly all of a pattern, its size is not known."""
 
 
 @njit(nogil=True, cache=True)
@@ -166,6 +168,55 @@ def sum_gradients(points, planes, groups, unknowns, factors, sums):
         sums[group, 3] += factors[i] * roll
         sums[group, 4] += factors[i] * pitch
         sums[group, 5] += factors[i] * heading
+
+
+@njit(nogil=True, cache=True)
+def find_effects(points, planes, groups, unknowns, gate, start_weights, directions, sizes, variances, shifts):
+    """Find sizes of patterns, each alone as one more unknown of the adjustment, and how the pose shifts with them.
+
+    points : (n, 3), sensor frame, m, of which each has a plane, (n, 4), and a group, (n,): points that are off
+    together; unknowns : (6,), the pose; gate : no weight from this distance on, m; start_weights : (6,), of the start
+    as an observation; directions : (k, n, 3), how a unit of each pattern moves the points, sensor frame. Out:
+    sizes, variances : (k,); shifts : (6, k), of the unknowns for a unit of each.
+    """
+    (k, n, _), (R, _) = directions.shape, rotation_and_axes(unknowns[3:])
+    equations, own = np.empty((7, n)), np.zeros((k, n))
+    _equations(points.T, planes.T, unknowns, gate, equations)
+    by_pose, distances = equations[:6], equations[6]
+    for axis in range(3):
+        for i in range(n):
+            along = by_pose[0, i] * R[0, axis] + by_pose[1, i] * R[1, axis] + by_pose[2, i] * R[2, axis]
+            for j in range(k):
+                own[j, i] -= along * directions[j, i, axis]
+    shifts[:] = -np.linalg.solve(by_pose @ by_pose.T + np.diag(start_weights), by_pose @ own.T)
+    own += shifts.T @ by_pose  # what the pose cannot take up
+    sums = np.zeros(groups.max() + 1 if n > 0 else 1)
+    for j in range(k):
+        information = max((own[j] * own[j]).sum(), 1e-9)
+        sizes[j] = (own[j] * distances).sum() / information
+        sums[:] = 0.0
+        for i in range(n):
+            sums[groups[i]] += own[j, i] * (distances[i] - own[j, i] * sizes[j])
+        variances[j] = (sums * sums).sum() / information**2 + PRECISION**2 / information
+
+
+@njit(nogil=True, cache=True)
+def next_distances(points, normals, n_next, within):
+    """Distances, (m,), m, from each point's plane of those of the next `n_next` that are nearer than `within`, m.
+
+    points, normals : (n, 3), in the order of a scan; zeros where there is no normal.
+    """
+    distances, n_found = np.empty(n_next * points.shape[0]), 0
+    for i in range(points.shape[0]):
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        if nx == 0.0 and ny == 0.0 and nz == 0.0:
+            continue
+        for k in range(i + 1, min(i + 1 + n_next, points.shape[0])):
+            dx, dy, dz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+            if dx * dx + dy * dy + dz * dz < within * within:
+                distances[n_found] = abs(nx * dx + ny * dy + nz * dz)
+                n_found += 1
+    return distances[:n_found]
 
 
 @njit(nogil=True, cache=True)

@@ -39,8 +39,6 @@ LARGE, INSECURE_GAIN = 5.0, 0.06
 largest gain if that exceeds this, and its size is not significant."""
 TRIAL_POINTS = 1500
 """Patterns are compared by so many points of the sample."""
-PRECISION = 0.01
-"""No distance is known better than this, m: where the pose takes up nearly all of a pattern, its size is not known."""
 SECTORS, FEWEST_SECTORS = 36, 27
 """A scan looks all around if it has points in so many sectors of azimuth."""
 ITERATIONS, SETTLED = 5, 0.1
@@ -234,21 +232,15 @@ class Effects:
         from maxcon.refine import kernels
 
         is_near = partners.patches >= 0
-        points, distances, normals = partners.points[is_near], partners.distances[is_near], partners.planes[is_near, :3]
-        rotation, axes = kernels.rotation_and_axes(partners.pose.values[3:])
-        by_pose = np.column_stack([normals, np.cross(points @ rotation.T, normals) @ axes.T])
-        along = -normals @ rotation
-        by_pattern = np.column_stack([np.einsum("ij,ij->i", along, each.direction(points)) for each in patterns])
-        weights = np.square(1.0 - np.square(distances / GATE))[:, None]
-        inverse = np.linalg.inv(by_pose.T @ (weights * by_pose) + np.diag(start_weights))
-        moves = inverse @ (by_pose.T @ (weights * by_pattern))
-        own = by_pattern - by_pose @ moves  # what the pose cannot take up
-        information = np.maximum((weights * own**2).sum(axis=0), 1e-9)
-        sizes = (weights * own).T @ distances / information
-        scores = weights * own * (distances[:, None] - own * sizes)
-        sums = [np.bincount(partners.patches[is_near], column, partners.n_patches) for column in scores.T]
-        sigmas = np.sqrt(np.square(sums).sum(axis=1) / information**2 + PRECISION**2 / information)
-        return cls(sizes, sigmas, -moves)
+        points, planes, patches = partners.points[is_near], partners.planes[is_near], partners.patches[is_near]
+        directions = np.empty((len(patterns), *points.shape))
+        for each, direction in zip(patterns, directions, strict=True):
+            direction[:] = each.direction(points)
+        sizes, variances, shifts = np.empty(len(patterns)), np.empty(len(patterns)), np.empty((6, len(patterns)))
+        kernels.find_effects(
+            points, planes, patches, partners.pose.values, GATE, start_weights, directions, sizes, variances, shifts
+        )
+        return cls(sizes, np.sqrt(variances), shifts)
 
     def unseen(self) -> NDArray[np.float64]:
         """Covariance, (6, 6), that all of `PATTERNS` in their usual sizes add to that of a pose.
