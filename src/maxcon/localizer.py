@@ -7,8 +7,6 @@ map, validated, and where in doubt searched for once more, wider (D12). By defau
 to fine, over a thinned scan (`maxcon.cell_search`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace

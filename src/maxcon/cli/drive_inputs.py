@@ -1,7 +1,5 @@
 """A drive opened as the options of `maxcon localize` say, in this process or in a worker: its inputs and its method."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator, Mapping
@@ -80,7 +78,7 @@ class DriveOpener:
         """Open a map."""
         return PointMap.open(path, left_out=ALL_BUT_KNOWN if self.method.known_only else NOT_SEARCHED)
 
-    def open(self, entry: DriveEntry, point_map: PointMap, *, quiet: bool = True) -> OpenedDrive:
+    def open(self, entry: DriveEntry, point_map: PointMap, *, quiet: bool = True) -> "OpenedDrive":
         """Return a drive with its inputs opened; MaxconError if one cannot be read, or an option does not fit it."""
         mounting = None if self.recording.mounting is None else read_mounting(self.recording.mounting)
         scans = self._scans(entry, mounting)

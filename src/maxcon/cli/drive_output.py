@@ -1,7 +1,5 @@
 """What a localized drive leaves: POSES.csv, begun or gone on with, pictures of its epochs, and a summary."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator

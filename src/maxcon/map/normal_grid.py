@@ -1,7 +1,5 @@
 """NormalGrid: the normals of a level of the map in a dense grid around a place, as the coarse search reads them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,7 +27,9 @@ class NormalGrid:
     across: NDArray[np.uint8]  # (n,): the same with the axis at right angles to it
 
     @classmethod
-    def of(cls, tiles: Sequence[VoxelTile], cell: float, low: NDArray[np.int64], high: NDArray[np.int64]) -> NormalGrid:
+    def of(
+        cls, tiles: Sequence[VoxelTile], cell: float, low: NDArray[np.int64], high: NDArray[np.int64]
+    ) -> "NormalGrid":
         """Grid of the voxels of some tiles from index `low` to `high`, (x, y, z), both included."""
         from maxcon.map import tile_kernels
 

@@ -35,8 +35,8 @@ NEAR, CLOSE, FEWEST_NEAR = 0.21, 0.05, 200
 """Of the points within `NEAR` of their planes, m, the ratio within `CLOSE` tells whether the map explains the scan: at
 wrong places points lie near some plane by chance. Fewer points tell nothing."""
 LEAST_CLOSE, THIN, EXACT, LOSS, SMALL_CELL = 0.87, 0.025, 0.0125, 10.0, 0.09
-"""This ratio must be close if the scan's surfaces are no thicker than `THIN`, m, and the map's sigma is at most `EXACT`;
-else less, by `LOSS` times what is more. Maps of larger cells than `SMALL_CELL`, m, blur surfaces, and are not tested."""
+"""This ratio must be close if the scan's surfaces are no thicker than `THIN`, m, and the map's sigma is no larger than
+`EXACT`; else less, by `LOSS` times the excess. Maps of cells larger than `SMALL_CELL`, m, blur surfaces: no test."""
 FEWEST_AHEAD, LEAST_AHEAD = 50.0, 0.12
 """Of points on walls ahead, if they weigh so much, the share with a normal is at least this ratio of that aside."""
 N_NEXT, NEIGHBOURS, FEWEST_PAIRS = 4, 0.6, 50

@@ -1,7 +1,5 @@
 """Scans of a recording: clouds of a topic, or of a capture (.pcap) of a Velodyne's packets, in order of time."""
 
-from __future__ import annotations
-
 import io
 import os
 import threading
@@ -56,7 +54,7 @@ class RecordedCloud:
             return decode(self.records, self.stamp)
 
 
-def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> CloudSource:
+def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> "CloudSource":
     """Return the clouds of a recording or capture; none is read yet."""
     if Path(path).suffix.lower() == CAPTURE_SUFFIX and topic is None:
         return VelodyneCapture(existing_file(path))

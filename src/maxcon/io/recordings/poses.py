@@ -1,7 +1,5 @@
 """Poses in a recording: those of a GNSS receiver, with orientations, or of whatever writes poses."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable
