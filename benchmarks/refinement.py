@@ -69,6 +69,9 @@ def main() -> None:
         believed = replace(cells.trust, least_confirmed_share=0.0, fewest_planes=0, farthest_move=1e9)
         cell = replace(cell, status=type(cell.status).LOCALIZED)
         refined, refined_ms = timed(validate, cell, ground, scan, point_map, believed, 0.01, is_confirmed=True)
+        if not refined.is_localized:  # nor has it a covariance
+            n_left_out += 1
+            continue
         gicp.prepare(scan, point_map, cell.pose)
         by_gicp, gicp_ms = timed(gicp.localize, scan, point_map, cell.pose)
         for name, estimate, ms in zip(poses, (cell, refined, by_gicp), (search_ms, refined_ms, gicp_ms), strict=True):
@@ -77,7 +80,7 @@ def main() -> None:
             took[name].append(ms)
         predicted.append(normalized(refined, truth))
     header(
-        f"Refinement, {len(predicted)} of {n_epochs} epochs, {n_left_out} wrong cells left out, map known to"
+        f"Refinement, {len(predicted)} of {n_epochs} epochs, {n_left_out} left out (wrong, refused), map known to"
         f" {point_map.sigma:.4f} m"
     )
     print("| pose | x y, mm | heading 95 %, degrees | height, cm | ms |\n|---|---|---|---|---|")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import Helmert, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
+from maxcon.cell_search import CellSearch
 from maxcon.refine import fit_ground
 from maxcon.search import branch_and_bound
 from upright_walls import joined, on_grid
@@ -92,6 +93,24 @@ def test_roofs_of_cars_are_not_the_ground(yard, search):
     is_floor = ~scan.normals.any(axis=1)
     points[is_floor] += truth.rotation.T @ [0.0, 0.0, 0.9]
     estimate = MaximumConsensus(SPACE, search=search).localize(Scan(points, scan.normals), point_map, wrong(truth, 0.0))
+    assert estimate.status is Status.LOCALIZED
+    np.testing.assert_allclose(estimate.pose.position, truth.position, atol=0.05)
+
+
+def test_a_ground_that_the_adjustment_leaves_is_none(yard, monkeypatch):
+    """Searched again from roofs of cars the pose returns to its height, and may score a trifle more."""
+    scan, point_map, _, truth = yard
+    points, best, found = scan.points.copy(), CellSearch.best, []
+    points[~scan.normals.any(axis=1)] += truth.rotation.T @ [0.0, 0.0, 0.9]
+
+    def returned(*arguments):
+        highest = max(found, key=lambda each: each.score, default=None)
+        found.append(best(*arguments) if len(found) < 2 else replace(highest, score=1.001 * highest.score))
+        return found[-1]
+
+    monkeypatch.setattr(CellSearch, "best", returned)
+    method = MaximumConsensus(SearchSpace(2.0, heading_half_width_deg=2.0))
+    estimate = method.localize(Scan(points, scan.normals), point_map, wrong(truth, 0.0))
     assert estimate.status is Status.LOCALIZED
     np.testing.assert_allclose(estimate.pose.position, truth.position, atol=0.05)
 

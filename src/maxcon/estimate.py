@@ -1,5 +1,7 @@
 """Estimate: what a method answers for one epoch, and in which words it fails."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum

@@ -1,5 +1,7 @@
 """Whether an answer may be trusted: thresholds and statuses, reasons to doubt, protection levels."""
 
+from __future__ import annotations
+
 import math
 import sys
 from dataclasses import dataclass, fields

@@ -7,6 +7,8 @@ map, validated, and where in doubt searched for once more, wider (D12). By defau
 to fine, over a thinned scan (`maxcon.cell_search`).
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -210,7 +212,10 @@ class MaximumConsensus:
         if ground is None or abs(ground.height) <= OTHER_GROUND:
             return found, ground
         other = self.cell_search.best(scan, point_map, around.with_height_and_tilt_of(ground.pose), self.space.plane)
-        return (other, self._ground_at(other, scan, point_map)) if other.score > found.score else (found, None)
+        if other.score <= found.score:
+            return found, None
+        ground = self._ground_at(other, scan, point_map)
+        return other, ground if ground is not None and abs(ground.height) <= OTHER_GROUND else None
 
     def _ground_at(self, found: Estimate, scan: Scan, point_map: PointMap) -> GroundFit | None:
         """The ground plane fit at an answer, where there is one."""

@@ -76,9 +76,9 @@ def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_re
 
 @pytest.mark.parametrize(("fit", "height_sigma", "tilt_sigma"), [
     (None, HEIGHT_SIGMA, TILT_SIGMA),
-    (ground(0.001, 0.0001), 0.03, 0.003),
+    (ground(0.001, 0.0001), 0.01, 0.003),
     (ground(0.05, 0.0001), 0.05, 0.003),
-    (ground(0.001, 0.02), 0.03, 0.02),
+    (ground(0.001, 0.02), 0.01, 0.02),
 ])  # fmt: skip
 def test_the_ground_tells_no_more_than_map_and_walls_agree_on(asked, room, fit, height_sigma, tilt_sigma):
     answer = validate(found(), fit, seen(room, 3000), room[2], Trust(), RISK)

@@ -1,5 +1,7 @@
 """LiveLocalizer: scans, odometry and positions go in as they come; a pose comes out for each scan."""
 
+from __future__ import annotations
+
 import math
 import threading
 import time as clock

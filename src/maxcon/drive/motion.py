@@ -1,5 +1,7 @@
 """Motion between two epochs and how well it is known; a pose with its covariance, moved and adjusted by an EKF."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
@@ -56,7 +58,7 @@ class Motion:
         pose = before.inverse @ after
         return cls(pose, float(np.linalg.norm(pose.position)), seconds, abs(pose.heading))
 
-    def then(self, following: "Motion") -> "Motion":
+    def then(self, following: Motion) -> Motion:
         """Return this motion and the following one as one."""
         return Motion(
             self.pose @ following.pose, self.distance + following.distance, self.seconds + following.seconds,
@@ -155,7 +157,7 @@ class UncertainPose:
         """Standard deviation of the position in the direction that is known worst, m."""
         return math.sqrt(max(0.0, float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1])))
 
-    def moved(self, motion: Motion, noise: MotionNoise) -> "UncertainPose":
+    def moved(self, motion: Motion, noise: MotionNoise) -> UncertainPose:
         """Return where the sensor is after a motion: the prediction of the filter, F P F' + G Q G'."""
         moved = self.pose @ motion.pose
         rotation = self.pose.rotation
@@ -172,7 +174,7 @@ class UncertainPose:
         covariance = by_state @ self.covariance @ by_state.T + by_motion @ noise.covariance(motion) @ by_motion.T
         return UncertainPose(moved, covariance)
 
-    def adjusted(self, measured: Pose, covariance: NDArray[np.float64]) -> "UncertainPose":
+    def adjusted(self, measured: Pose, covariance: NDArray[np.float64]) -> UncertainPose:
         """Return the pose that a measurement of it leaves: the update of the filter, in Joseph's form.
 
         - measured: local frame.

@@ -1,5 +1,7 @@
 """Tracker: localizes scan after scan, each only where the one before and the motion since allow it to be."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace

@@ -1,5 +1,7 @@
 """Scans of a drive, wherever they come from, the returns of each, and scans that are deskewed or merged of others."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

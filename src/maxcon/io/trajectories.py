@@ -1,5 +1,7 @@
 """Trajectories in files: TUM text, and CSV with a header such as POSES.csv."""
 
+from __future__ import annotations
+
 import math
 import os
 from pathlib import Path

@@ -1,5 +1,7 @@
 """PointMap: the voxels of a dense point cloud, in tiles around a local frame (D1, D4)."""
 
+from __future__ import annotations
+
 import math
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -87,7 +89,7 @@ class PointMap:
     def from_points(
         cls, points: ArrayLike, normals: ArrayLike, cell: float = 0.06, *, frame: LocalFrame | None = None,
         is_signed: bool = True, sigma: float = UNKNOWN_SIGMA, ground: ArrayLike | None = None,
-    ) -> "PointMap":  # fmt: skip
+    ) -> PointMap:  # fmt: skip
         """Rasterize points with normals into a map in memory.
 
         Parameters
@@ -124,7 +126,7 @@ class PointMap:
     def open(
         cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31,
         left_out: Collection[SurfaceClass] | None = NOT_SEARCHED,
-    ) -> "PointMap":  # fmt: skip
+    ) -> PointMap:  # fmt: skip
         """Open a map on disk; tiles are loaded when a search comes near them.
 
         Parameters
@@ -157,7 +159,7 @@ class PointMap:
         opened._prefetch = tiles.prefetch if address else None
         return opened
 
-    def level(self, factor: int) -> "PointMap":
+    def level(self, factor: int) -> PointMap:
         """Return the same map in voxels `factor` (1, 2, 4, ... 32) times as large, without ground.
 
         Tiles are merged when a search asks for them. Another factor is an OptionError.
@@ -180,7 +182,7 @@ class PointMap:
             self._levels.setdefault(factor, level)  # the first one, where several threads ask at once
         return self._levels[factor]
 
-    def nearest_level(self, cell: float) -> "PointMap":
+    def nearest_level(self, cell: float) -> PointMap:
         """Return the level whose voxel edge comes nearest to `cell` (m), by ratio."""
         return self.level(min(LEVEL_FACTORS, key=lambda factor: abs(math.log(factor * self.cell / cell))))
 

@@ -112,7 +112,7 @@ def _patches_beside(partners: Partners, cell: float) -> list[tuple[float, str]]:
     is_near = partners.patches >= 0
     patches, distances = partners.patches[is_near], partners.distances[is_near]
     ordered = distances[np.lexsort((distances, patches))]
-    counts = np.bincount(patches, minlength=partners.n_patches)
+    counts = np.bincount(patches)
     is_large = counts >= PATCH_POINTS
     first, counts = (np.cumsum(counts) - counts)[is_large], counts[is_large]
     medians = 0.5 * (ordered[first + (counts - 1) // 2] + ordered[first + counts // 2])

@@ -126,7 +126,7 @@ class Partners:
 
     points, normals: shape (n, 3), sensor frame; planes: (n, 4), as `find_partners` made them; distances: (n,), of the
     points from their planes, m, infinite without a partner; patches: (n,), number of each one's patch, points of one
-    orientation in one cube, -1 without a partner; n_patches: how many there are.
+    orientation in one cube, -1 without a partner.
     """
 
     pose: Pose
@@ -135,7 +135,6 @@ class Partners:
     planes: Points
     distances: NDArray[np.float64]
     patches: NDArray[np.int64]
-    n_patches: int
 
     @classmethod
     def of(cls, refined: Refined, point_map: PointMap, table: VoxelTable) -> "Partners":
@@ -152,10 +151,10 @@ class Partners:
         planes[alone], distances[alone] = planes_within(GATE, points[alone], normals[alone], pose, point_map, table)
         is_near = np.isfinite(distances)
         patches, walls = (np.empty(len(points), np.int64) for _ in range(2))
-        n_patches, _ = kernels.number_groups(
+        kernels.number_groups(
             points, planes, is_near.astype(np.float64), pose.position, CLUSTER_EDGE, N_BINS, STEEPEST, patches, walls
         )
-        return cls(pose, points, normals, planes, distances, patches, n_patches)
+        return cls(pose, points, normals, planes, distances, patches)
 
     def distances_within(
         self, gate: float, chosen: NDArray[np.int64], point_map: PointMap, table: VoxelTable

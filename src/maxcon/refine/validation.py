@@ -16,7 +16,7 @@ from maxcon.scan import Scan
 
 # Height and tilt by the ground are not held for more exact than this, m and rad: walls and ground of a map have errors
 # of their own.
-GROUND_HEIGHT_SIGMA, GROUND_TILT_SIGMA = 0.03, 0.003
+GROUND_HEIGHT_SIGMA, GROUND_TILT_SIGMA = 0.01, 0.003
 # A wall point has a normal with a vertical part below LEVEL; it is found if a plane of the map lies within this, m.
 LEVEL = 0.5
 FOUND_WITHIN = 0.08

@@ -5,6 +5,8 @@ are all on its own ring, and say nothing of the surface. So its normal is that o
 grows until more than one ring is in it. Near surfaces have most of the points: thinning leaves one in each cube.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -114,7 +116,7 @@ class Scan:
             return _frozen(self.viewpoints.normals(self.points))
         return _frozen(estimate_scan_normals(self.points))
 
-    def thinned(self, edge: float) -> "Scan":
+    def thinned(self, edge: float) -> Scan:
         """Return the scan with one of its points in each cube of an edge (m) of a grid in the sensor frame; 0 for all.
 
         A point with a normal comes before one without, then the nearest to the middle of the cube: which points are
@@ -130,7 +132,7 @@ class Scan:
         return self._thinned[edge]
 
     @cached_property
-    def sample(self) -> "Scan":
+    def sample(self) -> Scan:
         """One of the points, drawn by lot, in each cube of `SAMPLE_EDGE`, with their normals.
 
         Points are drawn before normals are known: these are estimated for them alone, from all points around. More
@@ -159,7 +161,7 @@ class Scan:
             )
         return self._lowest[steps]
 
-    def _part(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> "Scan":
+    def _part(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> Scan:
         """A scan of some of the points, which were checked already."""
         part = object.__new__(Scan)
         part.points, part.normals = _frozen(points), _frozen(normals)

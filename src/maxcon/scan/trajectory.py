@@ -1,5 +1,7 @@
 """Trajectory: poses with their times, and the pose at any time between them."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -136,7 +138,7 @@ class Trajectory:
         """Return all poses, in order of time."""
         return _poses(self.positions, self.quaternions_xyzw)
 
-    def later(self, seconds: float) -> "Trajectory":
+    def later(self, seconds: float) -> Trajectory:
         """Return the same poses at times later by so many seconds."""
         return replace(self, times=self.times + seconds)
 

@@ -4,6 +4,8 @@ All searches share what is here: how often a match counts, its weight, how contr
 are exact, and how the scan is turned by the prior.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar, Self, cast

@@ -5,6 +5,8 @@ and the ``unit`` of its scores, if it has them. The moments of a cell are count,
 matches and the normal matrix N = sum of w n n^T over them (equation (4)).
 """
 
+from __future__ import annotations
+
 import traceback
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable

@@ -1,5 +1,7 @@
 """Search space: all cells that are tried, and which pose each stands for (D3)."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -84,7 +86,7 @@ class SearchSpace:
             )
 
     @classmethod
-    def paper(cls) -> "SearchSpace":
+    def paper(cls) -> SearchSpace:
         """Return the paper's: 3 m in cells of 0.06 m, and 2 degrees in steps of 0.5 degrees."""
         return cls(3.0, PAPER_CELL, 2.0, PAPER_STEP_DEG)
 
@@ -100,7 +102,7 @@ class SearchSpace:
         smallest_heading_half_width_deg: float = 0.0,
         largest_half_width: float | None = None,
         largest_heading_half_width_deg: float | None = None,
-    ) -> "SearchSpace":
+    ) -> SearchSpace:
         """Return the space that holds every pose within k standard deviations of a prior (D2).
 
         Half widths are rounded up to whole cells and steps, if given, so that every pose within k sigma lies within
@@ -158,7 +160,7 @@ class SearchSpace:
         """Whether cell and heading step are the method's to choose."""
         return self.cell is None and self.heading_step_deg is None
 
-    def at(self, cell: float, heading_step_deg: float = PAPER_STEP_DEG) -> "SearchSpace":
+    def at(self, cell: float, heading_step_deg: float = PAPER_STEP_DEG) -> SearchSpace:
         """Return the space with a cell edge, m, and a heading step, degrees, where it has none, rounded up."""
         if self.cell is not None:
             return self
@@ -220,7 +222,7 @@ class SearchSpace:
         return self.shape[2] // 2 * self.cell_edge
 
     @property
-    def plane(self) -> "SearchSpace":
+    def plane(self) -> SearchSpace:
         """The cells of one height: those of this space around a prior that is `raised` to it."""
         return replace(self, height_half_width=0.0)
 

@@ -76,7 +76,11 @@ def plot_prior_error(path: str | os.PathLike[str], levels_by_drive: Mapping[str,
         figure.align_ylabels(panels[:, 0])
         marks = [Line2D([], [], **look) for look in looks.values()]
         # With times to two digits, as more would not be repeatable.
-        ms = [_median_ms(name, levels_by_drive) for name in looks]
+        of_drives = [list(chain(*levels.values())) for levels in levels_by_drive.values()]
+        ms = [  # at the widest level that a method has, of each drive
+            np.median([[one for one in levels if one.method == name][-1].ms.median for levels in of_drives])
+            for name in looks
+        ]
         labels = [
             name if math.isnan(took) else f"{name}: {float(f'{took:.2g}'):,.0f} ms"
             for name, took in zip(looks, ms, strict=True)
@@ -99,12 +103,6 @@ def _set_limits(panels: Sequence["Axes"], found: Sequence[MethodStatistics]) -> 
     panels[2].set(yscale="log", ylim=(0.7 * min(ms), 1.4 * max(ms)))
     draw_number_ticks(panels[2].yaxis, *panels[2].get_ylim())
     panels[2].minorticks_off()
-
-
-def _median_ms(name: str, levels_by_drive: Mapping[str, Levels]) -> float:
-    """Median over the drives of a method's median time at the widest level that it has, ms."""
-    of_drives = [[one for one in chain(*levels.values()) if one.method == name] for levels in levels_by_drive.values()]
-    return float(np.median([mine[-1].ms.median for mine in of_drives]))
 
 
 def _draw_levels(panels: Sequence["Axes"], levels: Levels, looks: Mapping[str, dict[str, Any]]) -> None:
