@@ -34,7 +34,7 @@ MOST_HIDDEN_FOUND = 0.05
 NEAR, CLOSE, FEWEST_NEAR = 0.21, 0.05, 200
 """Of the points within `NEAR` of their planes, m, the ratio within `CLOSE` tells whether the map explains the scan: at
 wrong places points lie near some plane by chance. Fewer points tell nothing."""
-LEAST_CLOSE, THIN, EXACT, LOSS, SMALL_CELL = 0.87, 0.025, 0.0125, 10.0, 0.09
+LEAST_CLOSE, THIN, EXACT, LOSS, SMALL_CELL = 0.88, 0.026, 0.0125, 10.0, 0.09
 """This ratio must be close if the scan's surfaces are no thicker than `THIN`, m, and the map's sigma is no larger than
 `EXACT`; else less, by `LOSS` times the excess. Maps of cells larger than `SMALL_CELL`, m, blur surfaces: no test."""
 FEWEST_AHEAD, LEAST_AHEAD = 50.0, 0.12
