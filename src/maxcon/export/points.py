@@ -1,6 +1,5 @@
 """Points for CloudCompare, QGIS and the like: scans of a drive placed in the map, and a map, as LAZ, LAS or PLY."""
 
-import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -64,8 +63,8 @@ def write_placed_scans(
 
 def _distances(scan: Scan, point_map: PointMap, pose: Pose) -> NDArray[np.float64]:
     """Distances, shape (n,), m, of the points of a scan from planes of the map; NaN beyond `MATCHED`."""
-    steps, table = math.ceil(MATCHED / point_map.cell), table_around(scan, point_map, [pose])
-    _, distances = planes_near(scan.points, scan.normals, pose, MATCHED, (steps, steps), point_map, table)
+    table = table_around(scan, point_map, [pose])
+    _, distances = planes_near(scan.points, scan.normals, pose, MATCHED, point_map, table, with_all=True)
     return np.where(np.isfinite(distances), np.abs(distances), np.nan)
 
 

@@ -166,9 +166,6 @@ def _installed_at(level: PriorErrors) -> list[StudyMethod]:
     return [method for method in methods_at(level, gates=(1.0, 3.0)) if left_out not in method.name]
 
 
-# --- the page --------------------------------------------------------------------------------------------------
-
-
 def report_demo(folder: Path, bench: Bench, results: DemoResults, *, seed: int, progress: Progress) -> Path:
     """Draw the pictures and write `report.html` into `folder`; return its path."""
     n_epochs = len(bench.scans)

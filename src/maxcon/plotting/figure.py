@@ -91,8 +91,6 @@ def _keep_layout(figure: "Figure") -> None:
         axes.set_position(Bbox(axes.get_position(original=True).get_points().round(6)))
 
 
-# --- the map from above: dark where many voxels lie above each other, as in walls ------------------------------
-
 # Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
 N_SQUARES = 700
 

@@ -175,17 +175,19 @@ def planes_near(
     normals: NDArray[np.float64],
     pose: Pose,
     gate: float,
-    reaches: tuple[int, int],
     point_map: PointMap,
     table: VoxelTable,
+    *,
+    with_all: bool = False,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Planes, (n, 4), on which points lie at a pose, and distances from them, m, infinite from a gate on.
+    """Planes, (n, 4), along the normals of points at a pose, and distances from them, m, infinite from a gate on.
 
-    points, normals: (n, 3), sensor frame; reaches: so many voxels along a normal, and along the axes from a point
-    without one, planes are looked for.
+    points, normals: (n, 3), sensor frame; with_all: also for points without a normal, along the axes.
     """
     from maxcon.refine import partner_kernels
 
+    along = max(2, math.ceil(gate / point_map.cell))
+    reaches = along, along * with_all
     planes = partner_kernels.find_partners(
         points, normals, pose.values, point_map.cell, reaches, LEAST_COSINE, point_map.is_signed, table
     )

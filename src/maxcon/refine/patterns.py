@@ -148,7 +148,7 @@ class Partners:
         points, normals, planes = refined.points[chosen], refined.normals[chosen], refined.planes[chosen]
         distances = planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(points))
         alone = np.flatnonzero(np.isinf(refined.residuals[chosen]))
-        planes[alone], distances[alone] = planes_within(GATE, points[alone], normals[alone], pose, point_map, table)
+        planes[alone], distances[alone] = planes_near(points[alone], normals[alone], pose, GATE, point_map, table)
         is_near = np.isfinite(distances)
         patches, walls = (np.empty(len(points), np.int64) for _ in range(2))
         kernels.number_groups(
@@ -164,17 +164,9 @@ class Partners:
         Infinite beyond a gate.
         """
         points, normals = self.points[chosen], self.normals[chosen]
-        planes, distances = planes_within(gate, points, normals, self.pose, point_map, table)
+        planes, distances = planes_near(points, normals, self.pose, gate, point_map, table)
         towards_sensor = np.einsum("ij,ij->i", planes[:, :3], normals @ self.pose.rotation.T)
         return np.asarray(np.copysign(1.0, towards_sensor) * distances)
-
-
-def planes_within(
-    gate: float, points: Points, normals: Points, pose: Pose, point_map: PointMap, table: VoxelTable
-) -> tuple[Points, NDArray[np.float64]]:
-    """Planes, (n, 4), along the normals of points up to a gate, m, and distances from them, infinite without one."""
-    reaches = max(2, math.ceil(gate / point_map.cell)), 0
-    return planes_near(points, normals, pose, gate, reaches, point_map, table)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

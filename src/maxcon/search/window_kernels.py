@@ -36,9 +36,6 @@ def _read_on(runs, run, end_run, k):
     return run, runs[run, 0] if run < end_run else k
 
 
-# --- moments ------------------------------------------------------------------------------------------------------
-
-
 @njit(nogil=True, cache=True)
 def accumulate_tile(stops, runs, tile, columns, normals, window, stride, without_normal, is_signed, sums):
     """Add all matches of some scan points with one tile to the sums of some headings.
@@ -153,9 +150,6 @@ def _add(n, cells, times, added, base, n_alike, sums):
         count, xx = sums[to] + n_alike * times[j], sums[to + one] + n_alike * added[0, j]
         xy, yy = sums[to + two] + n_alike * added[1, j], sums[to + three] + n_alike * added[2, j]
         sums[to], sums[to + one], sums[to + two], sums[to + three] = count, xx, xy, yy
-
-
-# --- bounds -------------------------------------------------------------------------------------------------------
 
 
 @njit(nogil=True, cache=True)

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 # More epochs are drawn as pixels, as their strokes would take megabytes; their dots are smaller and paler.
 MANY_EPOCHS = 300
 
-# --- a drive, epoch by epoch -----------------------------------------------------------------------------------
-
 BAND, TRUSTED, WITHHELD, WRONG = "#bcd9ee", SERIES[0], "#9aa1ad", "#c00000"
 STATUS_COLORS = {
     Status.LOCALIZED.value: SERIES[0], Status.AMBIGUOUS.value: SERIES[4], Status.WALLS_MISSING.value: SERIES[3],
@@ -162,8 +160,6 @@ def _draw_legend(figure: "Figure", rows: Sequence[ErrorRow]) -> None:
         handles.append(Line2D([], [], color=INK, lw=0.9, label="protection level"))
     figure.legend(handles=handles, loc="outside lower left", ncols=len(handles))
 
-
-# --- the Stanford diagram --------------------------------------------------------------------------------------
 
 # Both axes of the Stanford diagram, m: a millimetre is below any reference's accuracy.
 LEAST_LEVEL = 1e-3

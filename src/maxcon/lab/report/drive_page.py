@@ -33,8 +33,8 @@ from maxcon.lab.report.charts import Floats
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import MOST_HALF_WIDTH, PRIOR_COLOR, draw_points, half_width_of, is_off_the_ground
 from maxcon.plotting.figure import INK, SERIES, Window, map_figure, round_length
-from maxcon.refine.adjustment import table_around
-from maxcon.refine.patterns import GATE, planes_within
+from maxcon.refine.adjustment import planes_near, table_around
+from maxcon.refine.patterns import GATE
 from maxcon.refine.validation import LEVEL, N_BINS
 from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
@@ -197,9 +197,6 @@ def worst_epochs(is_localized: NDArray[np.bool_], is_wrong: NDArray[np.bool_], l
     return [*wrong.tolist(), *chosen.tolist(), *others.tolist()][:N_WORST]
 
 
-# --- words and tables ------------------------------------------------------------------------------------------
-
-
 def _statuses(rows: Sequence[PoseRow]) -> list[dict[str, Any]]:
     """Each status that occurs: how often, what it means, and the first reason beside it; localized first."""
     found = []
@@ -228,7 +225,7 @@ def facings(scans: Iterable[tuple[Scan, Pose]], point_map: PointMap) -> list[Fac
         sample, table = scan.sample, table_around(scan.sample, point_map, [pose])
         is_wall = sample.normals.any(axis=1) & (np.abs(sample.normals @ pose.rotation[2]) < LEVEL)
         points, normals = sample.points[is_wall], sample.normals[is_wall]
-        planes, distances = planes_within(GATE, points, normals, pose, point_map, table)
+        planes, distances = planes_near(points, normals, pose, GATE, point_map, table)
         azimuth = np.arctan2(normals @ pose.rotation[1], normals @ pose.rotation[0]) % np.pi
         towards = planes[:, 0] * np.cos(azimuth) + planes[:, 1] * np.sin(azimuth)
         azimuths.append(azimuth)
@@ -242,9 +239,6 @@ def facings(scans: Iterable[tuple[Scan, Pose]], point_map: PointMap) -> list[Fac
             p95, share = float(np.quantile(np.abs(near), 0.95)), len(near) / len(of_facing)
             found.append(Facing(k * width, (k + 1) * width, len(of_facing), share, float(np.median(near)), p95))
     return found
-
-
-# --- pictures --------------------------------------------------------------------------------------------------
 
 
 def _from_above(path: Path, drive: ReportedDrive) -> Picture:

@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-# --- several epochs, objectives side by side (figure 4) ------------------------------------------------------
-
 OUTSIDE = "#d9d9d9"
 # Largest half width of the ground around the reference, m.
 MOST_HALF_WIDTH = 35.0
@@ -143,8 +141,6 @@ def scale_words(views: Iterable[SearchSpaceView]) -> str:
         return "score, from the lowest (0) to the highest (1) of the square"
     return "score, over the highest of the square"
 
-
-# --- distinctness of all epochs (figure 5) -------------------------------------------------------------------
 
 # Odd, so that where all values are equal they lie in the middle of a bin.
 N_BINS = 31
@@ -260,8 +256,6 @@ def _median_words(values: Floats, unit: str) -> str:
         return "not defined in any epoch"
     return f"median {np.nanmedian(values):.3g}{unit}" + (f" (not defined in {n_missing})" if n_missing else "")
 
-
-# --- kurtosis on the map (figure 6) --------------------------------------------------------------------------
 
 # Diameters of the circles, points.
 LARGE, SMALL = 13.0, 6.5

@@ -61,9 +61,6 @@ def common_rows(methods: Methods, names: Sequence[str]) -> dict[str, MethodRows]
     return in_common({NAMES.get(name, name): methods[name] for name in names})
 
 
-# --- distinctness, success, errors -----------------------------------------------------------------------------
-
-
 def draw_statistics(folder: Path, methods: Methods, point_map: PointMap | None) -> list[Picture]:
     """Draw the figures, the trajectory over a map if given, into a folder, as SVG; return them with their captions."""
     measured = {stem: pair for stem, pair in PAIRS.items() if _have(methods, pair, "kurtosis")}
@@ -106,8 +103,6 @@ def _kurtosis(folder: Path, stem: str, rows: Methods, point_map: PointMap | None
     plot_kurtosis_map(path, local[:, :2], *circles, point_map=point_map, title="Kurtosis along the drive")
     return Picture.of("kurtosis", path, small=small, large=large)
 
-
-# --- how certain methods are -----------------------------------------------------------------------------------
 
 KINDS = {
     "along": ("along", "sigma_along"),

@@ -211,8 +211,6 @@ def interpolated(wanted: ArrayLike, known: NDArray[np.float64], values: NDArray[
     return np.stack([np.interp(np.asarray(wanted, np.float64), known, column) for column in values.T], axis=1)
 
 
-# --- poses as vehicles measure them ---------------------------------------------------------------------------
-
 GNSS_DEVIATIONS = np.array([1.3, 1.3, 0.015, *np.radians([0.05, 0.05, 0.6])])
 """Standard deviations of x, y, z (m), roll, pitch and heading (rad), before they are reflected at their bounds.
 
