@@ -117,7 +117,7 @@ class DemoResults:
             if "gate" not in name
         )
         lacking = (
-            "a coarse count followed by GICP. It needs small_gicp; to see it here: pip install 'maxcon[baselines]'"
+            "a coarse count followed by GICP. It needs small_gicp; to see it here: pip install 'maxcon[baselines]'."
         )
         return (
             f"From priors wrong by up to {level.offset:g} m and {level.heading_deg:g} degrees maximum consensus is"
