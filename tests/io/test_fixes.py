@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pyproj
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -47,11 +48,10 @@ def test_geographic_coordinates_and_back_and_north_as_the_projection_says():
     assert (places[:, 0] > 47).all() and (places[:, 0] < 55).all() and (places[:, 1] < 13).all()
     np.testing.assert_allclose(FRAME.to_map(places), positions, atol=1e-6)
     np.testing.assert_allclose(FRAME.to_map(places, geoid_height=46.5)[:, 2], positions[:, 2] - 46.5, atol=1e-9)
-    import pyproj
-
     places = np.array([[52.0, 12.0, 0.0], [52.0, 9.0, 0.0], [48.0, 6.5, 0.0]])
     factors = pyproj.Proj(UTM).get_factors(places[:, 1], places[:, 0])
     np.testing.assert_allclose(FRAME.convergence(places), np.radians(factors.meridian_convergence), atol=1e-6)
+    assert abs(GeographicFrame("EPSG:2053").convergence(np.array([[-26.0, 28.0, 0.0]]))[0]) > 3.1  # x west, y south
 
 
 def test_orientations_of_an_imu_are_those_of_thebend():

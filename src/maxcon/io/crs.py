@@ -17,7 +17,8 @@ MARKS = 21  # points on each side of a rectangle that are transformed to find on
 LARGEST_INEXACTNESS = 0.05  # m: a transformation that is less exact is worth a warning
 MOVING = ("helmert", "molodensky", "molobadekas", "shift", "deformation")  # in the names of PROJ's steps
 GEOGRAPHIC, GEOGRAPHIC_3D = "EPSG:4326", "EPSG:4979"
-EASTWARDS = np.array([5.0, 0.0, 0.0])  # m to both sides: over it the direction of one grid's x axis on another is found
+NORTHWARDS = 1e-4  # degrees, some 11 m: over such a way the direction of north on the grid is found
+EASTWARDS = np.array([5.0, 0.0, 0.0])  # m to both sides, likewise for the direction of one grid's x axis on another
 
 
 class FileCrs(NamedTuple):
@@ -343,10 +344,10 @@ class GeographicFrame(_Between):
 
     def convergence(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far true north is turned from the grid's, shape (n,), rad, counter-clockwise."""
-        import pyproj
-
-        factors = pyproj.Proj(plane_of(self._crs)).get_factors(places[:, 1], places[:, 0])
-        return np.asarray(np.radians(factors.meridian_convergence))
+        latitude, longitude = places[:, 0], places[:, 1]
+        x, y = self._plane.transform(longitude, latitude)
+        further_x, further_y = self._plane.transform(longitude, latitude + NORTHWARDS)
+        return np.asarray(np.arctan2(np.subtract(further_y, y), np.subtract(further_x, x)) - math.pi / 2.0, np.float64)
 
     def quaternions_to_map(
         self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], *, inverse: bool = False
