@@ -20,17 +20,9 @@ from maxcon.lab.report.study_scenes import Scenes
 from maxcon.lab.simulation import PriorErrors, simulate
 from maxcon.lab.simulation.datasets import CITY_ORIGIN
 from maxcon.lab.simulation.scanners import check_embreex
+from maxcon.lab.study import prior_trials
 from maxcon.lab.study.bench import Bench
 from maxcon.lab.study.methods import STANDARD, StudyMethod
-from maxcon.lab.study.prior_trials import (
-    GICP_FROM_MANY,
-    MAXCON,
-    level_name,
-    methods_at,
-    prior_level,
-    statistics_by_level,
-    with_levels,
-)
 from maxcon.lab.study.run import spread_epochs
 from maxcon.lab.study.table import MethodRows, MethodStatistics, Row, rows_by_method, statistics, table_schema
 from maxcon.localizer import MaximumConsensus
@@ -58,7 +50,7 @@ DEMO_METHODS = {
     "Count, a voxel once": ALONE(Count()),
     HELMERT: ALONE(Helmert()),
 }
-WIDE_LEVELS = (prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0))
+WIDE_LEVELS = tuple(prior_trials.prior_level(*each) for each in ((3.0, 2.0), (6.0, 5.0), (12.0, 10.0)))
 STREET_PART = 0.25  # of the whole drive: well before the crossing, in the straight part of the street
 MOST_EPOCHS = 8  # registration from many starts takes its time: of a longer drive some epochs are shown
 
@@ -97,18 +89,20 @@ class DemoResults:
     def of(cls, table: "pyarrow.Table") -> "DemoResults":
         """Return what a table of answers holds."""
         found = rows_by_method(table, tuple(DEMO_METHODS))
-        return cls([rows for rows in found if rows.prior == PRIOR], statistics_by_level(table, WIDE_LEVELS))
+        return cls(
+            [rows for rows in found if rows.prior == PRIOR], prior_trials.statistics_by_level(table, WIDE_LEVELS)
+        )
 
     @property
     def widest(self) -> list[MethodStatistics]:
         """Those of the widest level, maximum consensus first."""
-        return self.wide[level_name(WIDE_LEVELS[-1])]
+        return self.wide[prior_trials.level_name(WIDE_LEVELS[-1])]
 
     @property
     def wide_words(self) -> str:
         """What came out at the widest level, in plain sentences that are fair to the peers."""
         found, level = {one.method: one for one in self.widest}, WIDE_LEVELS[-1]
-        ours = found.pop(MAXCON)
+        ours = found.pop(prior_trials.MAXCON)
         one_start = [one for name, one in found.items() if "gate" in name]
         rights = sorted(one.n_success for one in one_start)
         others = "; ".join(
@@ -136,9 +130,9 @@ def run_demo(bench: Bench, folder: Path, *, seed: int, progress: Progress) -> De
     near = [StudyMethod(name, method) for name, method in DEMO_METHODS.items()]
     rows = _answers(bench, PRIOR, range(len(bench.scans)), near, "localizing", progress)
     some = spread_epochs(len(bench.scans), min(len(bench.scans), MOST_EPOCHS))
-    bench = with_levels(bench, WIDE_LEVELS, some, seed)
+    bench = prior_trials.with_levels(bench, WIDE_LEVELS, some, seed)
     for level in WIDE_LEVELS:
-        name = level_name(level)
+        name = prior_trials.level_name(level)
         rows += _answers(bench, name, some, _installed_at(level), f"localizing from priors within {name}", progress)
     table = pyarrow.Table.from_pylist(rows, schema=table_schema())
     pyarrow.csv.write_csv(table, folder / ANSWERS)
@@ -160,10 +154,10 @@ def _installed_at(level: PriorErrors) -> list[StudyMethod]:
     """Methods of a level that can run here, without the many starts, which take too long."""
     try:
         check_small_gicp()
-        left_out = GICP_FROM_MANY
+        left_out = prior_trials.GICP_FROM_MANY
     except MissingExtraError:
         left_out = "GICP"
-    return [method for method in methods_at(level, gates=(1.0, 3.0)) if left_out not in method.name]
+    return [method for method in prior_trials.methods_at(level, gates=(1.0, 3.0)) if left_out not in method.name]
 
 
 def report_demo(folder: Path, bench: Bench, results: DemoResults, *, seed: int, progress: Progress) -> Path:

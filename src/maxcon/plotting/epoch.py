@@ -14,19 +14,8 @@ from numpy.typing import NDArray
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
+from maxcon.plotting import score_panel
 from maxcon.plotting.figure import INK, MUTED, Window, draw_map, draw_scale_bar, map_patch, saved_figure
-from maxcon.plotting.score_panel import (
-    SearchSpaceView,
-    cell_marks,
-    chosen_headings,
-    draw_scores,
-    ground_of,
-    put_mark,
-    score_words,
-    title_of,
-    turn_words,
-    unit_of,
-)  # fmt: skip
 from maxcon.scan import Scan
 from maxcon.search import consensus_set
 from maxcon.search.accumulator import Accumulator
@@ -58,7 +47,7 @@ def plot_epoch(
     At most 9 headings are drawn: the best, and others in even steps. The scene ends 45 m from the prior. With a panel
     for each it fills a figure, and takes no axes: those of the panels and of the scene are in `figure.subfigs`.
     """
-    view = SearchSpaceView(accumulator, as_objective(objective))
+    view = score_panel.SearchSpaceView(accumulator, as_objective(objective))
     scene = Scene(scan, point_map, accumulator.prior, accumulator.space, estimate, reference)
     words = answer_words(estimate, accumulator.prior, reference)
     with saved_figure(path, 15.1, 9.35, title, words) as figure:
@@ -69,12 +58,12 @@ def plot_epoch(
     return figure
 
 
-def _draw_panels(figure: SubFigure, view: SearchSpaceView, reference: Pose | None) -> None:
+def _draw_panels(figure: SubFigure, view: score_panel.SearchSpaceView, reference: Pose | None) -> None:
     """Draw one panel per heading, the best one in a frame, their common colour scale, and what they are."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     n_headings = view.space.shape[0]
-    headings = chosen_headings(n_headings, view.best[0])
+    headings = score_panel.chosen_headings(n_headings, view.best[0])
     marked = None if reference is None else view.heading_nearest(reference, headings)
     n_columns = math.isqrt(len(headings) - 1) + 1
     panels = figure.subplots(-(-len(headings) // n_columns), n_columns, squeeze=False, sharex=True, sharey=True)
@@ -93,23 +82,25 @@ def _draw_panels(figure: SubFigure, view: SearchSpaceView, reference: Pose | Non
     bar = figure.colorbar(
         image, ax=panels, orientation="horizontal", shrink=0.6, aspect=30, ticks=MaxNLocator(5), format=digits
     )
-    bar.set_label(f"{title_of(view.objective)} [{unit_of(view.objective)}] (root scale)", parse_math=False)
-    marks = cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2]
+    bar.set_label(
+        f"{score_panel.title_of(view.objective)} [{score_panel.unit_of(view.objective)}] (root scale)", parse_math=False
+    )
+    marks = score_panel.cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2]
     figure.legend(handles=marks, loc="outside lower center", ncols=2, handletextpad=1.0)
 
 
-def _draw_heading(axes: Axes, view: SearchSpaceView, heading: int, reference: Pose | None) -> AxesImage:
+def _draw_heading(axes: Axes, view: score_panel.SearchSpaceView, heading: int, reference: Pose | None) -> AxesImage:
     """Draw all cells of one heading, in a strong frame if it has the best cell, and the reference if it is here."""
-    ground = ground_of(view.space, 0.0, 0.0)
+    ground = score_panel.ground_of(view.space, 0.0, 0.0)
     axes.set(xlim=(ground.west, ground.east), ylim=(ground.south, ground.north))
-    image = draw_scores(axes, view.scores[heading], ground, view.norm)
-    best_mark, reference_mark = cell_marks()
+    image = score_panel.draw_scores(axes, view.scores[heading], ground, view.norm)
+    best_mark, reference_mark = score_panel.cell_marks()
     if reference is not None and all(ground.west <= value <= ground.east for value in view.offset(reference)):
-        put_mark(axes, reference_mark, *view.offset(reference))
+        score_panel.put_mark(axes, reference_mark, *view.offset(reference))
     is_best = view.has_best and heading == view.best[0]
     if is_best:
-        put_mark(axes, best_mark, *view.best_offset)
-    words = turn_words(view.space, heading) + (" (best)" if is_best else "")
+        score_panel.put_mark(axes, best_mark, *view.best_offset)
+    words = score_panel.turn_words(view.space, heading) + (" (best)" if is_best else "")
     axes.set_title(words, fontweight="bold" if is_best else "normal", pad=5)
     for spine in axes.spines.values():
         spine.set(color=INK if is_best else MUTED, linewidth=3.0 if is_best else 0.8)
@@ -126,7 +117,7 @@ def answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> str
     turn = math.degrees(wrap_angle(pose.heading - prior.heading))
     words = (
         f"Answer: {pose.x - prior.x:+.2f} m in x, {pose.y - prior.y:+.2f} m in y, {turn:+.2f}°"
-        f" from the prior; score {score_words(estimate.score)}"
+        f" from the prior; score {score_panel.score_words(estimate.score)}"
     ).replace("-", "−")
     if estimate.cell is None:
         words += ", in smaller cells than are drawn"

@@ -11,6 +11,7 @@ from maxcon.geometry import Pose, wrap_angle
 from maxcon.lab.distinctness import GUARD_RADIUS
 from maxcon.lab.report.charts import METHOD_STYLES, Floats, MethodStyle, draw_grid, draw_legend, draw_number_ticks
 from maxcon.map import PointMap
+from maxcon.plotting import score_panel
 from maxcon.plotting.epoch import draw_points, half_width_of, is_off_the_ground
 from maxcon.plotting.figure import (
     INK,
@@ -24,16 +25,6 @@ from maxcon.plotting.figure import (
     map_patch,
     saved_figure,
 )
-from maxcon.plotting.score_panel import (
-    COLOR_POWER,
-    COLORS,
-    SearchSpaceView,
-    cell_marks,
-    draw_scores,
-    ground_of,
-    put_mark,
-    title_of,
-)  # fmt: skip
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:
@@ -55,7 +46,7 @@ class ComparisonRow(NamedTuple):
     scan: Scan  # sensor frame
     point_map: PointMap
     reference: Pose  # local frame: where the highest score should be
-    views: Sequence[SearchSpaceView]
+    views: Sequence[score_panel.SearchSpaceView]
 
 
 def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow], *, title: str) -> None:
@@ -81,10 +72,10 @@ def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow],
                 axes.set_title(view_words(view, row.reference), loc="left", pad=12, parse_math=False)
                 axes.set_xlabel("x from the reference [m]")
             places[0].set_ylabel("y from the reference [m]")
-        scale = ScalarMappable(PowerNorm(COLOR_POWER, 0.0, 1.0), cmap=COLORS)
+        scale = ScalarMappable(PowerNorm(score_panel.COLOR_POWER, 0.0, 1.0), cmap=score_panel.COLORS)
         words = f"{scale_words(view for row in rows for view in row.views)} (root scale)"
         figure.colorbar(scale, ax=panels[:, -1], ticks=[0.0, 0.1, 0.5, 1.0], format="%g", label=words, shrink=0.9)
-        figure.legend(handles=[map_patch(), *scan, *cell_marks()], loc="outside lower left", ncols=4)
+        figure.legend(handles=[map_patch(), *scan, *score_panel.cell_marks()], loc="outside lower left", ncols=4)
 
 
 def _draw_ground(axes: "Axes", row: ComparisonRow) -> list["Artist"]:
@@ -93,38 +84,38 @@ def _draw_ground(axes: "Axes", row: ComparisonRow) -> list["Artist"]:
     window = Window.around(row.reference.x, row.reference.y, half_width_of(row.scan, MOST_HALF_WIDTH))
     draw_map(axes, row.point_map, window)
     handles = draw_points(axes, [("scan at the reference", SERIES[2], points, 1.2)])
-    mark = cell_marks()[1]
+    mark = score_panel.cell_marks()[1]
     mark.set_markersize(10)
-    put_mark(axes, mark, row.reference.x, row.reference.y)
+    score_panel.put_mark(axes, mark, row.reference.x, row.reference.y)
     axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
     axes.set_title(row.label, loc="left", pad=12, parse_math=False, fontweight="bold")
     draw_scale_bar(axes, window)
     return handles
 
 
-def draw_view(axes: "Axes", view: SearchSpaceView, reference: Pose) -> None:
+def draw_view(axes: "Axes", view: score_panel.SearchSpaceView, reference: Pose) -> None:
     """Draw the best heading with the reference at (0, 0), and mark both."""
     x, y = view.offset(reference)
-    ground = ground_of(view.space, -x, -y)
+    ground = score_panel.ground_of(view.space, -x, -y)
     xlim, ylim = (min(ground.west, 0.0), max(ground.east, 0.0)), (min(ground.south, 0.0), max(ground.north, 0.0))
     axes.set(xlim=xlim, ylim=ylim, facecolor=OUTSIDE)
-    draw_scores(axes, view.scores[view.best[0]], ground, view.norm)
-    best_mark, reference_mark = cell_marks()
-    put_mark(axes, reference_mark, 0.0, 0.0)
+    score_panel.draw_scores(axes, view.scores[view.best[0]], ground, view.norm)
+    best_mark, reference_mark = score_panel.cell_marks()
+    score_panel.put_mark(axes, reference_mark, 0.0, 0.0)
     if view.has_best:
-        put_mark(axes, best_mark, *best_from(view, reference)[:2])
+        score_panel.put_mark(axes, best_mark, *best_from(view, reference)[:2])
     axes.locator_params(nbins=5)
 
 
-def best_from(view: SearchSpaceView, reference: Pose) -> tuple[float, float, float]:
+def best_from(view: score_panel.SearchSpaceView, reference: Pose) -> tuple[float, float, float]:
     """Return offset x, y (m) and turn (rad) of the best cell's pose from the reference."""
     pose = view.space.pose(view.best, view.accumulator.prior)
     return pose.x - reference.x, pose.y - reference.y, wrap_angle(pose.heading - reference.heading)
 
 
-def view_words(view: SearchSpaceView, reference: Pose) -> str:
+def view_words(view: score_panel.SearchSpaceView, reference: Pose) -> str:
     """Return the title of a panel, and in a second line where its best cell lies from the reference."""
-    name = view.title or title_of(view.objective)
+    name = view.title or score_panel.title_of(view.objective)
     if not view.has_best:
         return f"{name}\nall cells score the same"
     x, y, turn = best_from(view, reference)
@@ -135,7 +126,7 @@ def view_words(view: SearchSpaceView, reference: Pose) -> str:
     return f"{name}\n(x = {x_words}, y = {y_words}), turn {turn_words}°"
 
 
-def scale_words(views: Iterable[SearchSpaceView]) -> str:
+def scale_words(views: Iterable[score_panel.SearchSpaceView]) -> str:
     """Return the label of the colour scale that search spaces share, each from 0 to its own highest score."""
     if any(view.limits[0] < 0.0 for view in views):
         return "score, from the lowest (0) to the highest (1) of the square"

@@ -7,16 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from maxcon.lab import evaluation
 from maxcon.lab.distinctness import GUARD_RADIUS
-from maxcon.lab.evaluation import (
-    ALERT_LIMIT,
-    PROMISED,
-    PROMISED_PLANE,
-    SUCCESS_WORDS,
-    Coverage,
-    ProtectionCounts,
-    least_to_prove,
-)
 from maxcon.lab.report import Picture
 from maxcon.lab.report.certainty_plots import ErrorRow, plot_stanford, plot_timeline
 from maxcon.lab.report.charts import METHOD_STYLES, Floats, plot_error_distributions
@@ -72,7 +64,7 @@ def draw_statistics(folder: Path, methods: Methods, point_map: PointMap | None) 
     shown = shown_methods(methods)
     if levels := levels_of_distance({NAMES.get(name, name): methods[name] for name in shown}):
         plot_prior_error(folder / "success.svg", {f"prior “{methods[shown[0]].prior}”": levels})
-        pictures.append(Picture.of("success", folder / "success.svg", success=SUCCESS_WORDS))
+        pictures.append(Picture.of("success", folder / "success.svg", success=evaluation.SUCCESS_WORDS))
     errors = {name: rows.numbers("distance") for name, rows in common_rows(methods, shown).items()}
     if len(next(iter(errors.values()))):
         pictures.append(plot_error_distributions(folder / "errors.svg", errors))
@@ -151,8 +143,8 @@ def certainty_of(
             f" prior “{prior}”. The method “maxcon” does: maxcon study --methods maxcon."
         )
     return {
-        "coverage": coverage, "protection": protection, "alert_limit": ALERT_LIMIT, "protection_pictures": stanford,
-        "status_pictures": pictures, "notes": notes,
+        "coverage": coverage, "protection": protection, "alert_limit": evaluation.ALERT_LIMIT,
+        "protection_pictures": stanford, "status_pictures": pictures, "notes": notes,
     }  # fmt: skip
 
 
@@ -173,15 +165,18 @@ def _coverage(title: str, rows: MethodRows) -> dict[str, Any]:
     """How many errors of a method lie within their sigmas, for each kind of error, and for x and y together."""
     roots = np.sqrt(rows.numbers("nees"))
     found = [
-        _coverage_row(name, Coverage.of(rows.numbers(error), rows.numbers(sigma)))
+        _coverage_row(name, evaluation.Coverage.of(rows.numbers(error), rows.numbers(sigma)))
         for name, (error, sigma) in KINDS.items()
     ]
-    return {"title": title, "rows": [*found, _coverage_row("x and y", Coverage.of(roots, np.ones(len(roots))), 2)]}
+    return {
+        "title": title,
+        "rows": [*found, _coverage_row("x and y", evaluation.Coverage.of(roots, np.ones(len(roots))), 2)],
+    }
 
 
-def _coverage_row(name: str, coverage: Coverage, n_errors: int = 1) -> dict[str, Any]:
+def _coverage_row(name: str, coverage: evaluation.Coverage, n_errors: int = 1) -> dict[str, Any]:
     """A row of a table of coverage, of `n_errors` errors taken together, with what is expected if the sigmas hold."""
-    promised = PROMISED if n_errors == 1 else PROMISED_PLANE
+    promised = evaluation.PROMISED if n_errors == 1 else evaluation.PROMISED_PLANE
     verdict = "as promised"
     for (low, high), fraction in zip(coverage.intervals, promised, strict=True):
         if high < fraction:
@@ -197,9 +192,9 @@ def _coverage_row(name: str, coverage: Coverage, n_errors: int = 1) -> dict[str,
 def _protection(title: str, rows: MethodRows, risk: float | None) -> dict[str, Any]:
     """How many epochs lie in each region of the Stanford diagram, along, across, and by the worse of both."""
     errors, levels = _errors_and_levels(rows)
-    counts = {name: ProtectionCounts.of(errors[name], levels[name]) for name in DIRECTIONS}
-    both = ProtectionCounts.of(*(np.column_stack(list(found.values())) for found in (errors, levels)))
-    n_to_prove = None if risk is None else least_to_prove(risk)
+    counts = {name: evaluation.ProtectionCounts.of(errors[name], levels[name]) for name in DIRECTIONS}
+    both = evaluation.ProtectionCounts.of(*(np.column_stack(list(found.values())) for found in (errors, levels)))
+    n_to_prove = None if risk is None else evaluation.least_to_prove(risk)
     return {"title": title, "counts": counts | {"either": both}, "risk": risk, "n_to_prove": n_to_prove}
 
 

@@ -7,19 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.lab.simulation import furniture
 from maxcon.lab.simulation.drive import Seed
 from maxcon.lab.simulation.facades import HOUSE_DEPTH, balcony, draw_town_house, rain_pipe, relief, steps
-from maxcon.lab.simulation.furniture import (
-    LasClass,
-    Patch,
-    draw_car,
-    draw_hedge,
-    draw_sign,
-    draw_tree,
-    join,
-    lamp_pole,
-    quads,
-)
 from maxcon.lab.simulation.months import Months
 from maxcon.lab.simulation.streets import CAMPAIGN_GRID, DEMO_GRID, STREET_ANGLE, Frontage, StreetGrid, in_city
 
@@ -28,7 +18,7 @@ CAR_SIDE = 1.05  # from the kerb to the middle of a parked car, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class City(Patch):
+class City(furniture.Patch):
     """Triangles with classes in city metres: z is up, the main crossing is the origin. Parked cars come last."""
 
     parking_lanes: NDArray[np.float64]  # (k, 2, 2): start and end (x, y) of each row of parked cars, m
@@ -37,9 +27,9 @@ class City(Patch):
         """Return the same city on another day: other cars take about `occupancy`, 0 to 1, of the parking lanes."""
         rng = np.random.default_rng(seed)
         cars = [car for lane in self.parking_lanes for car in _cars_along(lane, occupancy, rng)]
-        stays = self.classes != LasClass.VEHICLE
-        fixed = Patch(self.corners[stays], self.classes[stays])
-        patch = join([fixed, *cars])
+        stays = self.classes != furniture.LasClass.VEHICLE
+        fixed = furniture.Patch(self.corners[stays], self.classes[stays])
+        patch = furniture.join([fixed, *cars])
         return City(patch.corners, patch.classes, self.parking_lanes)
 
 
@@ -53,17 +43,17 @@ def build_city(seed: Seed, grid: StreetGrid = DEMO_GRID, months: Months | None =
     return _city_of(parts, grid)
 
 
-def _city_of(parts: Sequence[Patch], grid: StreetGrid) -> City:
+def _city_of(parts: Sequence[furniture.Patch], grid: StreetGrid) -> City:
     """Return the city made of `parts`, in the frame of the grid, without parked cars."""
     out = grid.sidewalk + CAR_SIDE
     lanes = np.array(
         [[side.point(x, out) for x in (grid.no_parking, side.length - grid.no_parking)] for side in grid.frontages()]
     )
-    whole = join(parts).placed(0.0, 0.0, heading=STREET_ANGLE)
+    whole = furniture.join(parts).placed(0.0, 0.0, heading=STREET_ANGLE)
     return City(whole.corners, whole.classes, in_city(lanes, STREET_ANGLE))
 
 
-def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
+def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[furniture.Patch]:
     """Yield a row of houses along a frontage: with different setbacks, a gap and sometimes a front garden."""
     runs_along_u = abs(math.sin(side.heading)) < 0.5
     start = 0.0 if runs_along_u else HOUSE_DEPTH
@@ -80,7 +70,7 @@ def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
         house = draw_town_house(width, rng, shows_left=is_first, shows_right=is_last)
         yield side.placed(house, edges[i], -setback)
         if setback > 1.0:
-            yield side.placed(draw_hedge(0.4 * width, rng), edges[i] + 0.25 * width, -0.6)
+            yield side.placed(furniture.draw_hedge(0.4 * width, rng), edges[i] + 0.25 * width, -0.6)
 
 
 def _setback(rng: np.random.Generator, *, has_garden: bool) -> float:
@@ -90,27 +80,27 @@ def _setback(rng: np.random.Generator, *, has_garden: bool) -> float:
     return float(rng.uniform(0.0, 0.12) if rng.random() < 0.7 else rng.uniform(0.15, 0.6))
 
 
-def _pavement(side: Frontage, sidewalk: float, rng: np.random.Generator) -> Iterator[Patch]:
+def _pavement(side: Frontage, sidewalk: float, rng: np.random.Generator) -> Iterator[furniture.Patch]:
     """Yield lamp poles, trees and signs along the kerb and tubs with bushes along the houses, one by one."""
     for x in np.arange(12.0 + rng.uniform(0.0, 8.0), side.length - 8.0, 28.0):
-        yield side.placed(lamp_pole(), x, sidewalk - 0.4)
+        yield side.placed(furniture.lamp_pole(), x, sidewalk - 0.4)
     for x in np.arange(18.0 + rng.uniform(0.0, 6.0), side.length - 12.0, 17.0):
         if rng.random() < 0.45:
-            yield side.placed(draw_tree(rng), x + rng.uniform(-2.0, 2.0), sidewalk - 0.7)
+            yield side.placed(furniture.draw_tree(rng), x + rng.uniform(-2.0, 2.0), sidewalk - 0.7)
     for x in rng.uniform(10.0, side.length - 10.0, int(side.length / 30.0)):
-        yield side.placed(draw_hedge(1.2, rng), x, 0.5)
+        yield side.placed(furniture.draw_hedge(1.2, rng), x, 0.5)
     for x in (3.0, side.length - 3.0, *rng.uniform(10.0, side.length - 10.0, int(side.length / 35.0))):
-        yield side.placed(draw_sign(rng), x, sidewalk - 0.35)
+        yield side.placed(furniture.draw_sign(rng), x, sidewalk - 0.35)
 
 
-def _cars_along(lane: NDArray[np.float64], occupancy: float, rng: np.random.Generator) -> Iterator[Patch]:
+def _cars_along(lane: NDArray[np.float64], occupancy: float, rng: np.random.Generator) -> Iterator[furniture.Patch]:
     """Yield parked cars along a lane, shape (2, 2), m, each a little off its line; one in four faces the other way."""
     (x0, y0), (x1, y1) = lane
     length, heading = math.hypot(x1 - x0, y1 - y0), math.atan2(y1 - y0, x1 - x0)
     side = Frontage(x0, y0, heading, length)
     along = rng.uniform(0.0, 3.0)
     while True:
-        car, size = draw_car(rng)
+        car, size = furniture.draw_car(rng)
         place = along + 0.5 * size
         along += size + rng.uniform(0.5, 1.3)
         if along > length:
@@ -138,9 +128,9 @@ class PeriodicCity:
     """A city whose facades repeat, so that only the items before them tell where along a street one is."""
 
     grid: StreetGrid  # its streets
-    fabric: Patch  # ground and facades, in the frame of the grid
+    fabric: furniture.Patch  # ground and facades, in the frame of the grid
     # Balconies, steps, rain pipes, lamp poles, signs, trees and tubs, in the frame of the grid
-    items: tuple[Patch, ...]
+    items: tuple[furniture.Patch, ...]
 
     def city(self, gone: Collection[int] = ()) -> City:
         """Return the city without the items whose numbers are `gone`, and without parked cars."""
@@ -158,14 +148,14 @@ def build_periodic_city(seed: Seed, grid: StreetGrid = CAMPAIGN_GRID) -> Periodi
     # The period continues beyond crossings if, as here, all lines of the grid lie at multiples of 3 m.
     rng = np.random.default_rng(seed)
     parts = [grid.ground()]
-    items: list[Patch] = []
+    items: list[furniture.Patch] = []
     for side in grid.frontages():
         parts.append(side.placed(periodic_front(side.length), 0.0, 0.0))
         items += [*_fittings(side, rng), *_pavement(side, grid.sidewalk, rng)]
-    return PeriodicCity(grid, join(parts), tuple(items))
+    return PeriodicCity(grid, furniture.join(parts), tuple(items))
 
 
-def periodic_front(length: float) -> Patch:
+def periodic_front(length: float) -> furniture.Patch:
     """Front of `length` (m) with its roof: pilasters and columns of windows every 3 m, from x = 0 on.
 
     One front from corner to corner of a block, without borders between houses. Its last period is cut off
@@ -188,10 +178,12 @@ def periodic_front(length: float) -> Patch:
         [length - ROOF_DEPTH, -ROOF_DEPTH, ridge],
         [ROOF_DEPTH, -ROOF_DEPTH, ridge],
     ]
-    return join([relief(x_edges, np.array([*rows, HEIGHT]), grid), quads([roof], LasClass.BUILDING)])
+    return furniture.join(
+        [relief(x_edges, np.array([*rows, HEIGHT]), grid), furniture.quads([roof], furniture.LasClass.BUILDING)]
+    )
 
 
-def _fittings(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
+def _fittings(side: Frontage, rng: np.random.Generator) -> Iterator[furniture.Patch]:
     """Yield balconies, steps and rain pipes at random places, which keep no period, one by one."""
     n_each = round(side.length / ITEM_SPACING)
     for x in rng.uniform(3.0, side.length - 3.0, n_each):

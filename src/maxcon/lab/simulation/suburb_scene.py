@@ -7,17 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.lab.simulation import suburb_buildings
 from maxcon.lab.simulation.furniture import Patch, draw_car, join, lamp_pole
-from maxcon.lab.simulation.suburb_buildings import (
-    draw_bin,
-    draw_garden_wall,
-    draw_house,
-    draw_mail_box,
-    draw_picket_fence,
-    draw_shed,
-    draw_weeds,
-    draw_wire_fence,
-)
 from maxcon.lab.simulation.suburb_ground import (
     BEYOND,
     GARDEN_LEFT,
@@ -89,19 +80,19 @@ def _plot(
     for start, end in ((begin, driveway), (driveway + DRIVEWAY, begin + width)):
         if end - start > 1.0 and edge != "open":
             yield side.laid(_bound(edge, end - start, rng, day), start, 0.35)
-            yield side.laid(draw_weeds(end - start, day), start, 0.1)
-    yield side.laid(draw_mail_box(rng), driveway - 0.3, 0.2)
+            yield side.laid(suburb_buildings.draw_weeds(end - start, day), start, 0.1)
+    yield side.laid(suburb_buildings.draw_mail_box(rng), driveway - 0.3, 0.2)
     yield from _between_gardens(side, begin, rng, day)
     setback = rng.uniform(5.0, 13.0)
-    house, house_width, depth = draw_house(rng, day)
+    house, house_width, depth = suburb_buildings.draw_house(rng, day)
     turn = rng.normal(0.0, math.radians(9.0)) + (0.5 * math.pi if rng.random() < 0.12 else 0.0)
     middle = begin + 0.5 * width + rng.uniform(-1.5, 1.5)
     yield side.stood(house.placed(-0.5 * house_width, 0.0), middle, setback, turn)
     if rng.random() < 0.55:
-        garage = draw_shed(rng, is_garage=True).placed(-1.6, 0.0)
+        garage = suburb_buildings.draw_shed(rng, is_garage=True).placed(-1.6, 0.0)
         yield side.stood(garage, driveway + 0.5 * DRIVEWAY, rng.uniform(3.0, 9.0), rng.normal(0.0, 0.03))
     if rng.random() < 0.4:
-        shed = draw_shed(rng, is_garage=False)
+        shed = suburb_buildings.draw_shed(rng, is_garage=False)
         yield side.stood(shed, begin + rng.uniform(1.0, width - 3.0), setback + depth + rng.uniform(3.0, 8.0), turn)
     for _ in range(int(rng.integers(4, 12))):
         yield side.laid(draw_bush(rng, day), begin + rng.uniform(0.8, width - 0.8), rng.uniform(0.9, setback))
@@ -111,18 +102,18 @@ def _plot(
     if day.random() < 0.3:
         yield side.laid(draw_car(day)[0], driveway + 0.5 * DRIVEWAY, 3.0, 0.5 * math.pi)
     if day.random() < 0.5:
-        yield side.laid(draw_bin(day), driveway + day.uniform(0.0, 0.8), day.uniform(-0.5, 1.5))
+        yield side.laid(suburb_buildings.draw_bin(day), driveway + day.uniform(0.0, 0.8), day.uniform(-0.5, 1.5))
 
 
 def _bound(edge: str, length: float, rng: np.random.Generator, day: np.random.Generator) -> Patch:
     """Return a garden's boundary to the road, of kind `edge` and of `length` (m) along x."""
     if edge == "picket":
-        return draw_picket_fence(length, rng)
+        return suburb_buildings.draw_picket_fence(length, rng)
     if edge == "wire":
         bushes = [draw_bush(rng, day).placed(x, 0.0) for x in np.arange(0.5, length, rng.uniform(1.2, 3.0))]
-        return join([draw_wire_fence(length, rng), *bushes])
+        return join([suburb_buildings.draw_wire_fence(length, rng), *bushes])
     if edge == "wall":
-        wall = draw_garden_wall(length, rng)
+        wall = suburb_buildings.draw_garden_wall(length, rng)
         return wall if rng.random() < 0.4 else join([wall, draw_hedge_row(length, rng.uniform(0.9, 1.6), rng, day)])
     return draw_hedge_row(length, rng.uniform(1.3, 2.4), rng, day)
 
@@ -134,7 +125,7 @@ def _between_gardens(side: _Side, along: float, rng: np.random.Generator, day: n
     if kind < 0.55:
         yield side.laid(draw_hedge_row(length, rng.uniform(1.2, 2.3), rng, day), along, 0.5, away)
     elif kind < 0.8:
-        yield side.laid(draw_picket_fence(length, rng), along, 0.5, away)
+        yield side.laid(suburb_buildings.draw_picket_fence(length, rng), along, 0.5, away)
 
 
 def _back_row(side: _Side, rng: np.random.Generator, day: np.random.Generator) -> Iterator[Patch]:
@@ -144,7 +135,7 @@ def _back_row(side: _Side, rng: np.random.Generator, day: np.random.Generator) -
         tree = draw_garden_tree(rng, day, rng.uniform(5.0, 12.0))
         yield side.laid(tree, along + rng.uniform(-4.0, 4.0), rng.uniform(22.0, 36.0))
     for along in np.arange(-BEYOND + 15.0, length + BEYOND - 15.0, 34.0):
-        house, _, _ = draw_house(rng, day)
+        house, _, _ = suburb_buildings.draw_house(rng, day)
         yield side.stood(house, along + rng.uniform(-6.0, 6.0), rng.uniform(26.0, 30.0), rng.normal(0.0, 0.2))
 
 

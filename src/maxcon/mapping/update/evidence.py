@@ -28,15 +28,7 @@ from maxcon.map import PointMap, TileKey, VoxelTile
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.voxel_table import VoxelTable, voxel_table
 from maxcon.map.voxelize import tile_of_voxels
-from maxcon.mapping.build.tile_points import (
-    POINT,
-    TileArrays,
-    TileBuckets,
-    VoxelMoments,
-    plane_normals,
-    point_records,
-    sums_around,
-)
+from maxcon.mapping.build import tile_points
 from maxcon.mapping.build.tiles import voxel_tile
 from maxcon.mapping.update.observations import LocalizedDrive, Observation, UpdateOptions
 
@@ -113,7 +105,7 @@ class SurfaceFiles:
     """The tiles that an update judges, on disk until they are asked for."""
 
     def __init__(self, folder: Path) -> None:
-        self.arrays = TileArrays(folder)
+        self.arrays = tile_points.TileArrays(folder)
         self.n_voxels: dict[TileKey, int] = {}
 
     def add(self, tile: VoxelTile, options: UpdateOptions) -> None:
@@ -145,7 +137,7 @@ def gather_evidence(
     """Return all tiles that any observation reaches, with candidates and evidence, on disk."""
     from maxcon.mapping.update.ray_kernels import add_observation
 
-    buckets = TileBuckets(folder, POINT, "points")
+    buckets = tile_points.TileBuckets(folder, tile_points.POINT, "points")
     for done, each in enumerate(observations, 1):
         _sort_unknown_points(each.ends(drives, options), each.pose, point_map, options, buckets)
         report("finding new surfaces", done, len(observations))
@@ -212,7 +204,7 @@ def _stretches(
 
 
 def _sort_unknown_points(
-    ends: NDArray[np.float64], pose: Pose, point_map: PointMap, options: UpdateOptions, buckets: TileBuckets
+    ends: NDArray[np.float64], pose: Pose, point_map: PointMap, options: UpdateOptions, buckets: tile_points.TileBuckets
 ) -> None:
     """Keep the ends of rays near no surface of the map, above the ground, and in front of a known surface."""
     # Only behind a new object does the map go on: surroundings that it does not cover have nothing behind them.
@@ -239,15 +231,15 @@ def _sort_unknown_points(
     )  # fmt: skip
     rows = rows[is_hiding]
     directions = (to_sensor[rows] / distances[rows, None]).astype(np.float32)
-    buckets.add(*point_records(ends[rows], directions, point_map.cell))
+    buckets.add(*tile_points.point_records(ends[rows], directions, point_map.cell))
 
 
 def _candidates_of_tile(
-    buckets: TileBuckets, key: TileKey, cell: float, options: UpdateOptions, *, is_signed: bool
+    buckets: tile_points.TileBuckets, key: TileKey, cell: float, options: UpdateOptions, *, is_signed: bool
 ) -> VoxelTile:
     """Return the voxels of a tile that have at least `least_looks` unknown points in and around them."""
-    moments = VoxelMoments.from_records(buckets.records(key))
-    (n_around,) = sums_around(moments.indices, moments.counts[:, None], 1).T
+    moments = tile_points.VoxelMoments.from_records(buckets.records(key))
+    (n_around,) = tile_points.sums_around(moments.indices, moments.counts[:, None], 1).T
     moments = moments.select(n_around >= options.least_looks)
-    normals = plane_normals(moments, cell, np.ones(len(moments), bool), is_signed=is_signed)
+    normals = tile_points.plane_normals(moments, cell, np.ones(len(moments), bool), is_signed=is_signed)
     return voxel_tile(key, moments, normals.astype(np.float32), cell)
