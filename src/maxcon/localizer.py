@@ -24,6 +24,7 @@ from maxcon.refine import validate
 from maxcon.refine.adjustment import LAST_PASSES, PASSES
 from maxcon.refine.ground import GroundFit, fit_ground, other_storeys
 from maxcon.refine.tilt import with_own_tilt
+from maxcon.refine.validation import fits_on_ground
 from maxcon.scan import Scan
 from maxcon.search import Multiplicity, SearchMethod, Weighting, level_of
 from maxcon.search.accumulator import Accumulator
@@ -212,10 +213,11 @@ class MaximumConsensus:
         if ground is None or abs(ground.height) <= OTHER_GROUND:
             return found, ground
         other = self.cell_search.best(scan, point_map, around.with_height_and_tilt_of(ground.pose), self.space.plane)
-        if other.score <= found.score:
-            return found, None
-        ground = self._ground_at(other, scan, point_map)
-        return other, ground if ground is not None and abs(ground.height) <= OTHER_GROUND else None
+        if other.score > found.score:
+            found, ground = other, self._ground_at(other, scan, point_map)
+        if ground is None or abs(ground.height) <= OTHER_GROUND or fits_on_ground(found.pose, ground, scan, point_map):
+            return found, ground
+        return found, None
 
     def _ground_at(self, found: Estimate, scan: Scan, point_map: PointMap) -> GroundFit | None:
         """The ground plane fit at an answer, where there is one."""

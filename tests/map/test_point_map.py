@@ -119,7 +119,7 @@ def test_tiles_around_positions_against_all_tiles(seed, n, n_positions, margin):
     positions = np.where(rng.random((n_positions, 1)) < 0.3, np.round(positions), positions) * edge  # some on edges
     first, last = np.floor((positions - margin * edge) / edge), np.floor((positions + margin * edge) / edge)
     wanted = [key for key in map(tuple, keys.tolist()) if ((first <= key) & (last >= key)).all(axis=1).any()]
-    assert map_of_tiles(keys, 0.06).keys_around(positions, margin * edge) == wanted
+    assert map_of_tiles(keys, 0.06).keys_around(np.insert(positions, 2, 0.0, axis=1), margin * edge) == wanted
 
 
 def test_a_map_has_the_bounds_of_its_tiles_keeps_what_it_is_given_and_has_a_short_repr():

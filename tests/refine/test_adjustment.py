@@ -141,7 +141,7 @@ def test_partners_are_those_of_a_plain_search(seed, along, around):
             voxels[tuple(index)] = (normal, mean)
     seen = points[:100] + rng.normal(0.0, 0.05, (100, 3))
     facing = normals[:100].copy()
-    table = point_map.table_of(point_map.keys_around(seen[:, :2], REACH))
+    table = point_map.table_of(point_map.keys_around(seen, REACH))
     planes = partner_kernels.find_partners(seen, facing, np.zeros(6), cell, (along, around), 0.8, True, table)
     for point, normal, plane in zip(seen, facing, planes, strict=True):
         wanted = plain_partner(point, normal, voxels, cell, along, around, 0.8)

@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, MaximumConsensus, Multiplicity, PointMap, Scan, SearchSpace, Status, Trust, Weighting
+from maxcon.map.layout import PRODUCT_STEPS
 from maxcon.refine.adjustment import FROM_LARGE_CELLS, table_around
 from maxcon.refine.candidates import Scoring, adjusted_candidate, coarse_sample, distinct, find_candidates, moments_at
-from maxcon.search import reference
+from maxcon.search import coarse, reference
 from walled_towns import CELL, TRUTH, beside, made, seen, twins, walls
 
 SCORING = Scoring(Helmert(), Multiplicity.OCCUPIED, Weighting.COSINE)
@@ -96,3 +97,15 @@ def test_the_coarse_sample_is_thin_and_without_the_ground():
     sample = coarse_sample(Scan(np.concatenate([ground, wall])))
     assert (sample[:, 2] > -1.5).all() and 12 < len(sample) < 60
     assert len(coarse_sample(Scan(wall))) == len(sample)  # a scan that shows no ground
+
+
+def test_of_many_points_those_with_a_normal_are_searched_with_first_whatever_their_order():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-40.0, 40.0, (9000, 3)) * [1.0, 1.0, 0.1]
+    normals = np.zeros_like(points)
+    normals[:100, 0] = 1.0
+    scan, order = Scan(points, normals), rng.permutation(9000)
+    found = set(map(tuple, coarse_sample(scan).tolist()))
+    assert len(found) == coarse.MOST_POINTS < 2**16 // (PRODUCT_STEPS + 1)  # their bytes fit into 16 bits
+    assert len(found & set(map(tuple, points[:100].tolist()))) > 50
+    assert found == set(map(tuple, coarse_sample(Scan(points[order], normals[order])).tolist()))

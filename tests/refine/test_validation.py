@@ -9,18 +9,8 @@ import pytest
 
 from maxcon import PointMap, Pose, Scan, Trust
 from maxcon.estimate import Estimate, Status
-from maxcon.refine import (
-    HEIGHT_SIGMA,
-    TILT_SIGMA,
-    GroundFit,
-    Refined,
-    WallShare,
-    least_wall_share,
-    refine,
-    validate,
-    validation,
-)  # fmt: skip
-from maxcon.refine.adjustment import PASSES
+from maxcon.refine import GroundFit, Refined, WallShare, adjustment, least_wall_share, refine, validate
+from maxcon.refine.adjustment import HEIGHT_SIGMA, PASSES, TILT_SIGMA
 from upright_walls import joined, scattered
 
 HERE = Pose(0.2, -0.1, 1.6, 0.0, 0.0, 0.3)
@@ -60,8 +50,8 @@ def ground(sigma_height=0.01, sigma_tilt=0.001):
 @pytest.fixture
 def asked(monkeypatch):
     """The refinement, which remembers what it was asked for."""
-    watched = Mock(wraps=refine)
-    monkeypatch.setattr(validation, "refine", watched)
+    watched = Mock(wraps=adjustment.refine_sample)
+    monkeypatch.setattr(adjustment, "refine_sample", watched)
     return watched
 
 
@@ -83,10 +73,9 @@ def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_re
 def test_the_ground_tells_no_more_than_map_and_walls_agree_on(asked, room, fit, height_sigma, tilt_sigma):
     answer = validate(found(), fit, seen(room, 3000), room[2], Trust(), RISK)
     asked.assert_called_once()
-    told = dict(asked.call_args.kwargs)
-    assert asked.call_args.args[2] == (HERE if fit is None else ON_GROUND)
-    assert (told.pop("height_sigma"), told.pop("tilt_sigma"), told.pop("passes")) == (height_sigma, tilt_sigma, PASSES)
-    assert list(told) == ["table"] and answer.is_localized
+    *_, start, weights, passes = asked.call_args.args
+    assert (start, passes) == (HERE if fit is None else ON_GROUND, PASSES) and answer.is_localized
+    assert weights.tolist() == adjustment.weights_of_start(height_sigma, tilt_sigma).tolist()
     assert answer.pose.position[:2] == pytest.approx(HERE.position[:2], abs=0.01)
     assert np.isfinite(answer.covariance).all() and np.isfinite(answer.protection_level).all()
 

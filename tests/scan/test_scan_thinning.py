@@ -41,7 +41,7 @@ def random_points(rng, n, spread):
 )  # fmt: skip
 def test_one_point_of_each_cube_is_kept(seed, n, spread, edge):
     points, normals = random_points(np.random.default_rng(seed), n, spread)
-    assert one_per_cube(points, normals, edge).tolist() == plainly(points, normals, edge)
+    assert one_per_cube(points, edge, normals).tolist() == plainly(points, normals, edge)
 
 
 @given(seed=st.integers(0, 2**32), edge=st.sampled_from([0.25, 1.0]))
@@ -69,7 +69,7 @@ def test_a_thinned_scan_has_measured_points_with_the_normals_of_the_whole_scan()
 
 def test_points_on_both_sides_and_far_away_and_edges_of_0_and_empty_scans():
     points = np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [1e300, 0.0, 0.0], [-1e18, 3.0, 0.0], [-1e18, 3.1, 0.0]])
-    assert one_per_cube(points, np.zeros((5, 3)), 0.25).tolist() == [0, 1, 2, 4]  # 4 is nearer to the middle
+    assert one_per_cube(points, 0.25).tolist() == [0, 1, 2, 4]  # 4 is nearer to the middle
     scan = Scan([[1.0, 2.0, 3.0]] * 3, np.zeros((3, 3)))
     assert scan.thinned(0.0) is scan
     empty = Scan(np.empty((0, 3)), np.empty((0, 3)))
@@ -86,14 +86,17 @@ def test_by_lot_one_point_of_each_cube_is_kept_whatever_their_order():
     rng = np.random.default_rng(0)
     points, normals = random_points(rng, 3000, 5.0)
     cubes = np.floor(points @ ASKEW.T / 0.4)
-    kept = one_per_cube(points, normals, 0.4, by_lot=True)
+    kept = one_per_cube(points, 0.4, normals, by_lot=True)
     assert len(kept) == len(np.unique(cubes[kept], axis=0)) == len(np.unique(cubes, axis=0))
     with_normals = np.unique(cubes[normals.any(axis=1)], axis=0)
     assert normals[kept].any(axis=1).sum() == len(with_normals)
+    some = one_per_cube(points, 0.4, normals, by_lot=True, most=500)
+    assert len(some) == 500 and np.isin(some, kept).all()
     order = rng.permutation(len(points))
-    again = order[one_per_cube(points[order], normals[order], 0.4, by_lot=True)]
-    rows = [np.unique(np.hstack([points[each], normals[each]]), axis=0) for each in (kept, again)]
-    assert (rows[0] == rows[1]).all()
+    for before, most in ((kept, None), (some, 500)):
+        again = order[one_per_cube(points[order], 0.4, normals[order], by_lot=True, most=most)]
+        rows = [np.unique(np.hstack([points[each], normals[each]]), axis=0) for each in (before, again)]
+        assert (rows[0] == rows[1]).all()
 
 
 def test_by_lot_the_middle_of_a_noisy_wall_stays_where_it_is():
@@ -104,7 +107,7 @@ def test_by_lot_the_middle_of_a_noisy_wall_stays_where_it_is():
         x = distance + rng.normal(0.0, 0.02, 30_000)
         points = np.column_stack([x, rng.uniform(-9, 9, 30_000), rng.uniform(-1, 5, 30_000)])
         normals = np.tile([-1.0, 0.0, 0.0], (30_000, 1))
-        off.append(x[one_per_cube(points, normals, 0.4, by_lot=True)].mean() - distance)
+        off.append(x[one_per_cube(points, 0.4, normals, by_lot=True)].mean() - distance)
     assert np.abs(off).max() < 0.006 and abs(np.mean(off)) < 0.0005
 
 

@@ -153,7 +153,7 @@ class Ros2Node:
             for key in sorted(point_map.tile_keys):
                 began = clock.perf_counter()
                 points = point_map.tile(key).mean_points(point_map.cell)
-                kept.append(points[one_per_cube(points, np.zeros_like(points), spacing)])
+                kept.append(points[one_per_cube(points, spacing)])
                 clock.sleep(clock.perf_counter() - began)  # scans come first
         except MaxconError as error:
             warn(f"no map is published: {error}")

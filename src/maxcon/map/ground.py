@@ -140,12 +140,11 @@ def ground_patch(source: TileSource[GroundTile], cell: float, x: float, y: float
     )
     keys = [(kx, ky) for ky in range(y_first // n, y_last // n + 1) for kx in range(x_first // n, x_last // n + 1)]
     tiles = [source.load(key) for key in keys if key in source.keys]
-    # Whole tiles, of which the patch is cut out.
-    nx, ny = x_last // n - x_first // n + 1, y_last // n - y_first // n + 1
-    heights = np.full((max((len(tile.heights) for tile in tiles), default=1), ny * n, nx * n), np.nan, np.float32)
+    n_levels, ny, nx = max((len(tile.heights) for tile in tiles), default=1), y_last - y_first + 1, x_last - x_first + 1
+    heights = np.full((n_levels, ny, nx), np.nan, np.float32)
     for tile in tiles:
-        column, row = (tile.key[0] - x_first // n) * n, (tile.key[1] - y_first // n) * n
-        heights[: len(tile.heights), row : row + n, column : column + n] = tile.heights
-    row, column = y_first % n, x_first % n
-    cut = heights[:, row : row + y_last - y_first + 1, column : column + x_last - x_first + 1]
-    return GroundPatch(np.ascontiguousarray(cut), (x_first, y_first), edge)
+        column, row = tile.key[0] * n - x_first, tile.key[1] * n - y_first
+        met = tile.heights[:, max(0, -row) : ny - row, max(0, -column) : nx - column]
+        place = heights[: len(met), max(0, row) : row + n, max(0, column) : column + n]
+        place[:] = met
+    return GroundPatch(heights, (x_first, y_first), edge)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.geometry import LocalFrame
+from maxcon.geometry import LocalFrame, Pose
 from maxcon.geometry.arrays import as_points, as_unit_normals, read_only_view
 from maxcon.map.ground import GroundPatch, GroundTile, ground_in_memory, ground_patch
 from maxcon.map.layout import (
@@ -30,6 +30,7 @@ from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
 from maxcon.map.voxel_table import MOST_BYTES, TileTable, VoxelTable
 from maxcon.map.voxelize import voxelize
 
+AT_ORIGIN = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 LEVEL_BYTES = 2**28  # size of the cache of the tiles of a level
 PREFETCHED_AROUND = 2
 """With the ground of a tile, that of so many tiles on each side is prefetched: it is likely to be needed next."""
@@ -276,19 +277,22 @@ class PointMap:
         """Load one tile, a key of `tile_keys`."""
         return self._tiles.load(key)
 
-    def keys_around(self, positions: NDArray[np.float64], margin: float) -> list[TileKey]:
-        """Keys of the tiles within `margin` (m), along x and y, of any of the positions (n, 2), local frame, in order.
+    def keys_around(
+        self, points: NDArray[np.float64], margin: float, poses: Sequence[Pose] = (AT_ORIGIN,)
+    ) -> list[TileKey]:
+        """Keys of the tiles within `margin` (m), along x and y, of points (n, 3), sensor frame, at any pose, in order.
 
-        The margin is at most half the edge of a tile: then a corner of the square around a position lies in each.
+        The margin is at most half the edge of a tile: then a corner of the square around a point lies in each.
         """
         from maxcon.map import tile_kernels
 
-        if not (len(positions) and len(self._sorted_keys)):
+        if not (len(points) and len(self._sorted_keys)):
             return []
         edge = self.tile_voxels * self.cell
         corner, last = self._sorted_keys.min(axis=0) - 1, self._sorted_keys.max(axis=0) + 1
         is_met = np.zeros(last - corner + 1, bool)  # with a border for what lies outside
-        tile_kernels.mark_tiles(positions, margin, edge, corner, is_met)
+        for pose in poses:
+            tile_kernels.mark_tiles(read_only_view(points), pose.rotation, pose.position, margin, edge, corner, is_met)
         is_met_key = is_met[tuple((self._sorted_keys - corner).T)]
         return [(x, y) for x, y in self._sorted_keys[is_met_key].tolist()]
 

@@ -171,11 +171,17 @@ def fill_normals(columns, layers, normals, corner, shape, axis, grid, along, acr
 
 
 @njit(nogil=True, cache=True)
-def mark_tiles(positions, margin, edge, corner, is_met):
-    """Mark tiles, (nx, ny) from key `corner` on, with a corner of the square within `margin` (m) of a position."""
-    for i in range(positions.shape[0]):
+def mark_tiles(points, rotation, position, margin, edge, corner, is_met):
+    """Mark tiles, (nx, ny) from key `corner` on, with a corner of the square within `margin` (m) of a point.
+
+    points : (n, 3), sensor frame, m; rotation, position : (3, 3) and (3,), of the sensor.
+    """
+    right, top = is_met.shape[0] - 1.0, is_met.shape[1] - 1.0
+    for i in range(points.shape[0]):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        x = rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz + position[0]
+        y = rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz + position[1]
         for side_x in (-margin, margin):
-            x = min(max(np.floor((positions[i, 0] + side_x) / edge) - corner[0], 0.0), is_met.shape[0] - 1.0)
+            column = np.int64(min(max(np.floor((x + side_x) / edge) - corner[0], 0.0), right))
             for side_y in (-margin, margin):
-                y = min(max(np.floor((positions[i, 1] + side_y) / edge) - corner[1], 0.0), is_met.shape[1] - 1.0)
-                is_met[np.int64(x), np.int64(y)] = True
+                is_met[column, np.int64(min(max(np.floor((y + side_y) / edge) - corner[1], 0.0), top))] = True

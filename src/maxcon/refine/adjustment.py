@@ -1,5 +1,7 @@
 """Adjustment of a pose to the surfaces of the map: robust, point to plane, all six unknowns; and its covariance."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
-from maxcon.geometry.arrays import read_only_view
 from maxcon.map import PointMap
 from maxcon.map.voxel_table import VoxelTable
 from maxcon.scan import Scan
@@ -23,27 +24,26 @@ class Pass(NamedTuple):
     along: int  # voxels along the normal of a point, at most
     around: int  # voxels along the axes from a point without a normal
     gate: float  # distance from which on a partner does not count, m
-    every: int  # one point of so many is used
+    n_points: float  # about so many points are used
 
 
 # From large cells, which are off by up to a metre and 1.6 degrees: few points, and distant partners at first.
 FROM_LARGE_CELLS = (
-    Pass(9, 5, gate=1.0, every=12),
-    Pass(9, 5, gate=1.0, every=12),
-    Pass(9, 5, gate=0.6, every=12),
-    Pass(5, 3, gate=0.36, every=8),
-    Pass(5, 3, gate=0.21, every=8),
+    Pass(9, 5, gate=1.0, n_points=450),
+    Pass(9, 5, gate=1.0, n_points=450),
+    Pass(9, 5, gate=0.6, n_points=450),
+    Pass(5, 3, gate=0.36, n_points=650),
+    Pass(5, 3, gate=0.21, n_points=650),
 )
-LAST_PASSES = (Pass(4, 2, gate=0.21, every=4), Pass(2, 1, gate=0.21, every=1))
+LAST_PASSES = (Pass(4, 2, gate=0.21, n_points=1700), *[Pass(2, 1, gate=0.21, n_points=math.inf)] * 2)
 # From small cells, which are off by an edge and half a heading step.
 PASSES = (
-    Pass(5, 3, gate=0.6, every=8),
-    Pass(5, 3, gate=0.36, every=8),
-    Pass(5, 3, gate=0.36, every=8),
-    Pass(5, 3, gate=0.21, every=8),
+    Pass(5, 3, gate=0.6, n_points=650),
+    Pass(5, 3, gate=0.36, n_points=650),
+    Pass(5, 3, gate=0.36, n_points=650),
+    Pass(5, 3, gate=0.21, n_points=650),
     *LAST_PASSES,
 )
-FEWEST_OF_MANY = 200  # of a scan so small that fewer points would be left, more than one of `every` are used
 STEPS_PER_PASS = 2
 AT_REST = 1e-4  # a pass ends with a step that moves by less than this, m, and turns by less than a hundredth of it, rad
 LEAST_COSINE = 0.8  # of the angle between the normals of a point and of its partner
@@ -119,13 +119,9 @@ def refine(
 
 
 def refine_sample(
-    sample: Scan,
-    point_map: PointMap,
-    table: VoxelTable,
-    start: Pose,
-    start_weights: NDArray[np.float64],
+    sample: Scan, point_map: PointMap, table: VoxelTable, start: Pose, start_weights: NDArray[np.float64],
     passes: Sequence[Pass],
-) -> Refined:
+) -> Refined:  # fmt: skip
     """Adjust a pose to the map by all points of a scan; see `refine` and `weights_of_start`."""
     from maxcon.refine import kernels
 
@@ -147,39 +143,25 @@ def weights_of_start(height_sigma: float, tilt_sigma: float) -> NDArray[np.float
 
 
 def adjusted(
-    sample: Scan,
-    point_map: PointMap,
-    table: VoxelTable,
-    start: Pose,
-    start_weights: NDArray[np.float64],
+    sample: Scan, point_map: PointMap, table: VoxelTable, start: Pose, start_weights: NDArray[np.float64],
     passes: Sequence[Pass],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
     """Unknowns, (6,), of a pose adjusted in some passes, and the planes, (n, 4), of the points of the last one."""
-    from maxcon.refine import kernels, partner_kernels
+    from maxcon.refine import partner_kernels
 
-    first = start.values
-    unknowns, planes = first.copy(), np.empty((0, 4))
-    for each in passes:
-        every = min(each.every, max(1, len(sample) // FEWEST_OF_MANY))
-        points, normals = (read_only_view(rows[::every]) for rows in (sample.points, sample.normals))
-        planes = partner_kernels.find_partners(
-            points, normals, unknowns, point_map.cell, (each.along, each.around), LEAST_COSINE, point_map.is_signed,
-            table,
-        )  # fmt: skip
-        kernels.adjust(points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_PASS, AT_REST)
+    unknowns, n = start.values, len(sample)
+    ways = np.array([(along, around, gate, max(1, round(n / used))) for along, around, gate, used in passes])
+    planes = partner_kernels.adjust_in_passes(
+        sample.points, sample.normals, unknowns, start_weights, ways, point_map.cell, LEAST_COSINE,
+        point_map.is_signed, STEPS_PER_PASS, AT_REST, table,
+    )  # fmt: skip
     return unknowns, planes
 
 
 def planes_near(
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    pose: Pose,
-    gate: float,
-    point_map: PointMap,
-    table: VoxelTable,
-    *,
-    with_all: bool = False,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    points: NDArray[np.float64], normals: NDArray[np.float64], pose: Pose, gate: float, point_map: PointMap,
+    table: VoxelTable, *, with_all: bool = False,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
     """Planes, (n, 4), along the normals of points at a pose, and distances from them, m, infinite from a gate on.
 
     points, normals: (n, 3), sensor frame; with_all: also for points without a normal, along the axes.
@@ -198,8 +180,7 @@ def planes_near(
 
 def table_around(sample: Scan, point_map: PointMap, poses: Sequence[Pose]) -> VoxelTable:
     """The voxels among which the points of a scan can have partners, near some poses."""
-    placed = [sample.points @ pose.rotation[:2].T + pose.position[:2] for pose in poses]
-    return point_map.table_of(point_map.keys_around(np.concatenate(placed), REACH))
+    return point_map.table_of(point_map.keys_around(sample.points, REACH, poses))
 
 
 def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:

@@ -10,16 +10,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.map import PointMap
 from maxcon.map.voxel_table import VoxelTable
-from maxcon.refine.adjustment import (
-    FROM_LARGE_CELLS,
-    HEIGHT_SIGMA,
-    LAST_PASSES,
-    TILT_SIGMA,
-    Pass,
-    adjusted,
-    table_around,
-    weights_of_start,
-)
+from maxcon.refine import adjustment
 from maxcon.refine.ground import fit_ground_plane
 from maxcon.scan import Scan, one_per_cube
 from maxcon.search import Multiplicity, Weighting, coarse
@@ -30,8 +21,8 @@ from maxcon.search.space import SearchSpace
 HELD_HEIGHT_SIGMA, HELD_TILT_SIGMA = 0.03, 0.002
 # Points so near to the scan's own ground plane are left out of the coarse search, m.
 ON_GROUND = 0.25
-# Candidates that reach this ratio to the best score are adjusted to the end before they are compared.
-CONTENDING = 0.5
+# Candidates that reach this ratio to the best score are adjusted once more, by these passes, before they are compared.
+CONTENDING, COMPARED = 0.5, adjustment.LAST_PASSES[:1]
 # A scan whose y axis is to the right is a mirror image. Its image is adjusted to the end if the share of matches of one
 # point in so many is at least this ratio to that of the scan itself.
 MIRROR, SOME, NEARLY = np.array([1.0, -1.0, 1.0]), 4, 0.97
@@ -72,12 +63,12 @@ def find_candidates(
     if not left_open.poses:
         return [], left_open.rest_ratio
     sample = scan.sample
-    table = table_around(sample, point_map, left_open.poses)
+    table = adjustment.table_around(sample, point_map, left_open.poses)
     adjust = partial(adjusted_candidate, sample, point_map, scoring=scoring, table=table)
-    found = distinct([adjust(pose, FROM_LARGE_CELLS) for pose in left_open.poses])
+    found = distinct([adjust(pose, adjustment.FROM_LARGE_CELLS) for pose in left_open.poses])
     contending = [each for each in found if each.score >= CONTENDING * found[0].score]
     if len(contending) > 1:
-        found = distinct([adjust(each.pose, LAST_PASSES) for each in contending] + found[len(contending) :])
+        found = distinct([adjust(each.pose, COMPARED) for each in contending] + found[len(contending) :])
     if found and left_open.image is not None:
         found[0] = replace(found[0], is_mirrored=_fits_better(sample, found[0], left_open.image, point_map, scoring))
     return found, left_open.rest_ratio
@@ -86,13 +77,13 @@ def find_candidates(
 def _fits_better(sample: Scan, found: Candidate, image: Pose, point_map: PointMap, scoring: Scoring) -> bool:
     """Whether the mirror image of a scan fits better around a pose than the scan itself at a candidate."""
     mirrored = Scan(sample.points * MIRROR, sample.normals * MIRROR)
-    table = table_around(mirrored, point_map, [image])
+    table = adjustment.table_around(mirrored, point_map, [image])
     some = Scan(mirrored.points[::SOME], mirrored.normals[::SOME])
-    fit = adjusted_candidate(some, point_map, image, FROM_LARGE_CELLS, scoring, table)
+    fit = adjusted_candidate(some, point_map, image, adjustment.FROM_LARGE_CELLS, scoring, table)
     if fit.share < NEARLY * found.share:
         return False
-    fit = adjusted_candidate(mirrored, point_map, fit.pose, LAST_PASSES, scoring, table)
-    own = adjusted_candidate(sample, point_map, found.pose, LAST_PASSES, scoring)
+    fit = adjusted_candidate(mirrored, point_map, fit.pose, COMPARED, scoring, table)
+    own = adjusted_candidate(sample, point_map, found.pose, COMPARED, scoring)
     return fit.score > own.score and fit.share > own.share
 
 
@@ -106,28 +97,40 @@ def distinct(found: list[Candidate]) -> list[Candidate]:
 
 
 def coarse_sample(scan: Scan) -> NDArray[np.float64]:
-    """Points for the coarse search, shape (n, 3), sensor frame, m: above the scan's own ground, one of each cube."""
-    points, T_ground_sensor = scan.sample.points, fit_ground_plane(scan)
+    """Points for the coarse search, shape (n, 3), sensor frame, m: above the scan's own ground, one of each cube.
+
+    Of many those with a normal come first, as clutter has none, and some of each kind, evenly by distance.
+    """
+    points, normals, T_ground_sensor = scan.sample.points, scan.sample.normals, fit_ground_plane(scan)
+    is_asked = np.hypot(points[:, 0], points[:, 1]) <= coarse.FARTHEST
     if T_ground_sensor is not None:
         up = rotation_matrices(T_ground_sensor.roll, T_ground_sensor.pitch, 0.0)[2]
-        points = points[np.abs(points @ up + T_ground_sensor.z) > ON_GROUND]
-    return points[one_per_cube(points, np.zeros_like(points), coarse.THINNING)]
+        is_asked &= np.abs(points @ up + T_ground_sensor.z) > ON_GROUND
+    points, normals = points[is_asked], normals[is_asked]
+    kept = one_per_cube(points, coarse.THINNING, normals)
+    points, has_normal = points[kept], normals[kept].any(axis=1)
+    if len(points) <= coarse.MOST_POINTS:
+        return points
+    points, n = points[np.lexsort((np.hypot(points[:, 0], points[:, 1]), ~has_normal))], int(has_normal.sum())
+    n_first = min(n, coarse.MOST_POINTS)
+    return np.concatenate([_spread(points[:n], n_first), _spread(points[n:], coarse.MOST_POINTS - n_first)])
+
+
+def _spread(rows: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """So many of some rows, evenly."""
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, n).astype(int)])
 
 
 def adjusted_candidate(
-    sample: Scan,
-    point_map: PointMap,
-    start: Pose,
-    passes: Sequence[Pass],
-    scoring: Scoring,
+    sample: Scan, point_map: PointMap, start: Pose, passes: Sequence[adjustment.Pass], scoring: Scoring,
     table: VoxelTable | None = None,
-) -> Candidate:
+) -> Candidate:  # fmt: skip
     """Return the candidate that a start is adjusted to, by the sample of a scan."""
     if table is None:
-        table = table_around(sample, point_map, [start])
-    is_held = passes is FROM_LARGE_CELLS and not point_map.has_ground
-    sigmas = (HELD_HEIGHT_SIGMA, HELD_TILT_SIGMA) if is_held else (HEIGHT_SIGMA, TILT_SIGMA)
-    unknowns, _ = adjusted(sample, point_map, table, start, weights_of_start(*sigmas), passes)
+        table = adjustment.table_around(sample, point_map, [start])
+    is_held = passes is adjustment.FROM_LARGE_CELLS and not point_map.has_ground
+    sigmas = (HELD_HEIGHT_SIGMA, HELD_TILT_SIGMA) if is_held else (adjustment.HEIGHT_SIGMA, adjustment.TILT_SIGMA)
+    unknowns, _ = adjustment.adjusted(sample, point_map, table, start, adjustment.weights_of_start(*sigmas), passes)
     moments = matched = moments_at(sample, point_map, table, unknowns, scoring)
     if scoring.multiplicity is Multiplicity.POINTS:
         matched = moments_at(sample, point_map, table, unknowns, replace(scoring, multiplicity=Multiplicity.OCCUPIED))

@@ -163,10 +163,12 @@ def _loose(refined: Refined, point_map: PointMap) -> list[tuple[float, str]]:
     n_near = int(np.count_nonzero(distances < NEAR))
     if point_map.cell > SMALL_CELL or n_near < FEWEST_NEAR:
         return []
+    ratio = np.count_nonzero(distances < CLOSE) / n_near
+    if ratio >= LEAST_CLOSE:
+        return []
     thickness = surface_thickness(refined.points, refined.normals)
     if thickness is None:
         return []
-    ratio = np.count_nonzero(distances < CLOSE) / n_near
     least = LEAST_CLOSE - LOSS * max(0.0, thickness - THIN, point_map.sigma - EXACT)
     if ratio >= least:
         return []

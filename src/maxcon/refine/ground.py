@@ -1,5 +1,7 @@
 """Ground plane fits: height, roll and pitch of a sensor from the ground of its scan, with and without a map."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
@@ -80,14 +82,15 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
     points, below = _below_ground(scan, point_map, pose)
     if len(points) < FEWEST_CELLS:
         return None
-    plane, normal = _fit_plane(points, below, REACH)
+    plane, cofactors = _fit_plane(points, below, REACH)
     off = np.abs(below - plane[0] - points[:, :2] @ plane[1:])
     is_on_ground = off <= ON_GROUND
-    n_cells, ratio = int(is_on_ground.sum()), float(is_on_ground.mean())
+    n_cells = int(np.count_nonzero(is_on_ground))
+    ratio = n_cells / len(points)
     if n_cells < FEWEST_CELLS or ratio < LEAST_RATIO or abs(plane[0]) > REACH:
         return None
     spread = float(np.sqrt(np.mean(off[is_on_ground] ** 2)))
-    sigma_height, sigma_x, sigma_y = (spread * np.sqrt(ALIKE * np.diag(np.linalg.inv(normal)))).tolist()
+    sigma_height, sigma_x, sigma_y = (spread * np.sqrt(ALIKE * np.diag(cofactors))).tolist()
     height, slope_x, slope_y = plane.tolist()
     return GroundFit(
         _aligned(pose, height, slope_x, slope_y), height, math.atan(math.hypot(slope_x, slope_y)), spread, n_cells,
@@ -95,12 +98,17 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
     )  # fmt: skip
 
 
-def share_below_ground(scan: Scan, point_map: PointMap, pose: Pose) -> float:
-    """Of the lowest points of a scan at a pose, the share clearly below the map's ground; 0 where too few are known."""
+def shares_off_ground(scan: Scan, point_map: PointMap, pose: Pose) -> tuple[float, float]:
+    """Of a scan's lowest points at a pose, the shares clearly below and far above the map's ground; 0 if few are known.
+
+    Far is farther than a fit reaches, `REACH`.
+    """
     if not (point_map.has_ground and len(scan)):
-        return 0.0
+        return 0.0, 0.0
     _, below = _below_ground(scan, point_map, pose)
-    return float(np.mean(below > UNDER)) if len(below) >= FEWEST_CELLS else 0.0
+    if len(below) < FEWEST_CELLS:
+        return 0.0, 0.0
+    return float(np.mean(below > UNDER)), float(np.mean(below < -REACH))
 
 
 def other_storeys(point_map: PointMap, pose: Pose) -> list[float]:
@@ -159,7 +167,7 @@ def pose_above_ground(point_map: PointMap, x: float, y: float, heading: float, T
 def _fit_plane(
     points: NDArray[np.float64], below: NDArray[np.float64], reach: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The plane (height, slopes along x and y) that most points agree on, from several tilts; its normal equations.
+    """The plane (height, slopes along x and y) that most points agree on, from several tilts; its cofactors.
 
     points : (n, 3), about the sensor, roll and pitch applied, m; below : (n,), how far each lies below the plane that
     is looked for, at most `reach`, m.
@@ -167,10 +175,10 @@ def _fit_plane(
     from maxcon.refine import ground_kernels
 
     def fitted(height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        plane, normal = np.empty(3), np.empty((3, 3))
-        stride = max(1, len(points) // ENOUGH)
-        ground_kernels.fit_planes(points, below, STARTS + [height, 0.0, 0.0], SCALES, STIFFNESS, stride, plane, normal)
-        return plane, normal
+        plane, cofactors = np.empty(3), np.empty((3, 3))
+        starts, stride = STARTS + [height, 0.0, 0.0], max(1, len(points) // ENOUGH)
+        ground_kernels.fit_planes(points, below, starts, SCALES, STIFFNESS, stride, plane, cofactors)
+        return plane, cofactors
 
     def support(fit: tuple[NDArray[np.float64], NDArray[np.float64]]) -> int:
         under = below - fit[0][0] - points[:, :2] @ fit[0][1:]
@@ -211,10 +219,10 @@ def _below_ground(scan: Scan, point_map: PointMap, pose: Pose) -> tuple[NDArray[
 
 def _aligned(pose: Pose, height: float, slope_x: float, slope_y: float) -> Pose:
     """The pose, raised and tilted by a plane, z = height + slope_x x + slope_y y about it, roll and pitch applied."""
-    slope = math.hypot(slope_x, slope_y)
-    angle = math.atan(slope)
-    x, y = (slope_y / slope, -slope_x / slope) if slope > 0.0 else (1.0, 0.0)
-    cross = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
+    # The shortest turn that puts the normal of the plane, (-slope_x, -slope_y, 1) scaled by `cosine`, upright.
+    cosine = 1.0 / math.sqrt(1.0 + slope_x**2 + slope_y**2)
+    a, b, half = cosine * slope_x, cosine * slope_y, cosine**2 / (1.0 + cosine)
+    xx, xy, yy = 1.0 - half * slope_x**2, -half * slope_x * slope_y, 1.0 - half * slope_y**2
+    turn = np.array([[xx, xy, -a], [xy, yy, -b], [a, b, cosine]])
     rotation = turn @ rotation_matrices(pose.roll, pose.pitch, 0.0)
     return pose.with_height_and_tilt_of(Pose.from_rotation([0.0, 0.0, pose.z + height], rotation))

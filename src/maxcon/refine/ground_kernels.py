@@ -119,15 +119,15 @@ def _step(x, y, below, square, stiffness, plane, normal):
 
 
 @njit(nogil=True, cache=True)
-def fit_planes(points, below, starts, scales, stiffness, stride, plane, normal):
+def fit_planes(points, below, starts, scales, stiffness, stride, plane, cofactors):
     """Fit the plane (height, slope along x, slope along y) to add to the points so that most lie on the ground.
 
     From each start by reweighted least squares with Geman and McClure's weights, whose scale goes down step by step:
     what lies far off the rest has no weight in the end. The plane that most points agree on is taken.
     points : (m, 3) float64, tilt applied, about the sensor, m; below : (m,), how far each lies under the ground, m;
     starts : (s, 3) float64; scales : (k,), m; stiffness : weight that holds the slopes at 0, in cells m^2; stride : of
-    so many points one is looked at before the last steps; plane : (3,), out; normal : (3, 3), out, the normal matrix of
-    the last step.
+    so many points one is looked at before the last steps; plane : (3,), out; cofactors : (3, 3), out, inverse of the
+    normal matrix of the last step.
     """
     x, y = points[:, 0].copy(), points[:, 1].copy()
     some_x, some_y, some_below = x[::stride].copy(), y[::stride].copy(), below[::stride].copy()
@@ -142,4 +142,5 @@ def fit_planes(points, below, starts, scales, stiffness, stride, plane, normal):
             most = agreed
             plane[:] = trial
     for _ in range(N_LAST):
-        _step(x, y, below, scales[-1] * scales[-1], stiffness, plane, normal)
+        _step(x, y, below, scales[-1] * scales[-1], stiffness, plane, here)
+    cofactors[:] = np.linalg.inv(here)

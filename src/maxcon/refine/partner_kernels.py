@@ -4,7 +4,7 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
-from maxcon.refine.kernels import rotation_and_axes, turned
+from maxcon.refine.kernels import adjust, rotation_and_axes, turned
 
 
 @njit(nogil=True, cache=True, counts_references=False)
@@ -116,6 +116,24 @@ def _find_all(points, normals, R, unknowns, cell, reaches, least_cosine, is_sign
         else:
             plane = _partner_along(px, py, pz, nx, ny, nz, patch, cell, along, least_cosine, is_signed, table)
         planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = plane
+
+
+@njit(nogil=True, cache=True)
+def adjust_in_passes(
+    points, normals, unknowns, start_weights, passes, cell, least_cosine, is_signed, n_steps, at_rest, table
+):
+    """Find partners and adjust the pose to them in turns; the planes, (m, 4), of the points of the last pass.
+
+    unknowns : (6,), in and out; passes : (k, 4), of each the reaches along and around, the gate, m, and that one point
+    of so many is used; the other arguments as of `find_partners` and `adjust`.
+    """
+    first, planes = unknowns.copy(), np.empty((0, 4))
+    for k in range(passes.shape[0]):
+        reaches, every = (np.int64(passes[k, 0]), np.int64(passes[k, 1])), np.int64(passes[k, 3])
+        some, facing = points[::every].copy(), normals[::every].copy()
+        planes = find_partners(some, facing, unknowns, cell, reaches, least_cosine, is_signed, table)
+        adjust(some, planes, unknowns, first, start_weights, passes[k, 2], n_steps, at_rest)
+    return planes
 
 
 @njit(nogil=True, cache=True)

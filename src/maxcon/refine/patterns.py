@@ -146,8 +146,8 @@ class Partners:
         n_chosen = min(MOST_POINTS, len(has_normal))
         chosen = has_normal[np.arange(n_chosen) * len(has_normal) // max(1, n_chosen)]
         points, normals, planes = refined.points[chosen], refined.normals[chosen], refined.planes[chosen]
-        distances = planes[:, 3] - np.einsum("ij,ij->i", planes[:, :3], pose.apply(points))
-        alone = np.flatnonzero(np.isinf(refined.residuals[chosen]))
+        distances = refined.residuals[chosen]
+        alone = np.flatnonzero(np.isinf(distances))
         planes[alone], distances[alone] = planes_near(points[alone], normals[alone], pose, GATE, point_map, table)
         is_near = np.isfinite(distances)
         patches, walls = (np.empty(len(points), np.int64) for _ in range(2))
@@ -250,9 +250,11 @@ def explain(
 
     refined, partners: of the sample of a scan, as it is; effects: of `PATTERNS` on its pose.
     """
+    suspected = _suspected(effects, partners, sample)
+    if not suspected:
+        return Explanation(None, [], None)
     step = max(1, len(sample) // TRIAL_POINTS)
     some, weight = Scan(sample.points[::step], sample.normals[::step]), float(refined.weights[::step].sum())
-    suspected = _suspected(effects, partners, sample)
     tried = [_without(*each, refined, weight, some, point_map, table) for each in suspected]
     best = _strongest(tried)
     if best is not None:
@@ -311,27 +313,23 @@ def _apart(one: Pose, other: Pose) -> float:
 
 def _suspected(effects: Effects, partners: Partners, sample: Scan) -> list[tuple[Pattern, float, NDArray[np.float64]]]:
     """Patterns that the scan may have, their sizes by one step, and how the pose moves, (6,)."""
-    looks_around = len(np.unique(np.floor(SECTORS * _phase(sample.points[::8], 1.0)))) >= FEWEST_SECTORS
     if np.count_nonzero(partners.patches >= 0) < PATCH_POINTS * len(PATTERNS):
         return []
     sizes, sigmas, moves = effects.sizes, effects.sigmas, effects.shifts * effects.sizes
     is_notable = (np.abs(sizes) > [each.notable for each in PATTERNS]) | (np.hypot(*moves[:2]) > NOTABLE_SHIFT)
     is_suspect = is_notable & (np.abs(sizes) > SIGNIFICANT * sigmas)
     is_suspect &= sigmas < [0.5 * each.largest for each in PATTERNS]  # otherwise the scan cannot tell
-    is_suspect &= [looks_around or each.moves is None for each in PATTERNS]
+    is_of_turn = np.array([each.moves is not None for each in PATTERNS])
+    if (is_suspect & is_of_turn).any():
+        n_sectors = len(np.unique(np.floor(SECTORS * _phase(sample.points[::8], 1.0))))
+        is_suspect &= ~is_of_turn | (n_sectors >= FEWEST_SECTORS)
     return [(PATTERNS[k], float(sizes[k]), moves[:, k]) for k in np.flatnonzero(is_suspect)]
 
 
 def _without(
-    pattern: Pattern,
-    size: float,
-    move: NDArray[np.float64],
-    refined: Refined,
-    weight: float,
-    scan: Scan,
-    point_map: PointMap,
-    table: VoxelTable,
-) -> Corrected:
+    pattern: Pattern, size: float, move: NDArray[np.float64], refined: Refined, weight: float, scan: Scan,
+    point_map: PointMap, table: VoxelTable,
+) -> Corrected:  # fmt: skip
     """The scan without a pattern of a size, from a refined pose that moves with it: both are found in turns.
 
     weight: of the points with the pattern.

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maxcon.estimate import Estimate, Status
+from maxcon.geometry import Pose
 from maxcon.integrity import Trust, protection_level
 from maxcon.map import PointMap
-from maxcon.refine.adjustment import HEIGHT_SIGMA, PASSES, TILT_SIGMA, Pass, Refined, covariance, refine, table_around
+from maxcon.map.voxel_table import VoxelTable
+from maxcon.refine import adjustment
 from maxcon.refine.fit import fit_of
-from maxcon.refine.ground import GroundFit, share_below_ground
+from maxcon.refine.ground import REACH, GroundFit, shares_off_ground
 from maxcon.scan import Scan
 
 # Height and tilt by the ground are not held for more exact than this, m and rad: walls and ground of a map have errors
@@ -22,23 +24,16 @@ LEVEL = 0.5
 FOUND_WITHIN = 0.08
 N_BINS = 6  # orientation bins of wall points, 30 degrees of azimuth each; both sides of a wall are in one
 FEWEST_POINTS = 20  # bins with fewer wall points are not judged
-# Without a ground fit, an answer is in doubt where more of the scan's lowest points lie below the map's ground.
-MOST_BELOW_GROUND = 0.05
+# Without a ground fit, an answer is in doubt where more of a scan's lowest points lie below, or far above the ground.
+MOST_BELOW_GROUND, MOST_ABOVE_GROUND = 0.05, 0.9
 # Added to the numbers of found and of all points: 2 of 20 are less certain than 20 of 200.
 FOUND_BEFORE, ALL_BEFORE = 2, 4
 
 
 def validate(
-    found: Estimate,
-    ground: GroundFit | None,
-    scan: Scan,
-    point_map: PointMap,
-    trust: Trust,
-    risk: float,
-    *,
-    is_confirmed: bool = False,
-    passes: Sequence[Pass] = PASSES,
-) -> Estimate:
+    found: Estimate, ground: GroundFit | None, scan: Scan, point_map: PointMap, trust: Trust, risk: float, *,
+    is_confirmed: bool = False, passes: Sequence[adjustment.Pass] = adjustment.PASSES,
+) -> Estimate:  # fmt: skip
     """Adjust the pose of a best cell to the surfaces of the map, and judge it once more.
 
     found: the best cell of a search, judged. If it is in doubt already, only its height, roll and pitch are the
@@ -56,14 +51,8 @@ def validate(
     is_image_better = found.status is Status.MISFIT  # of the scan as it is
     if not (found.is_localized or is_image_better):
         return replace(found, pose=start)
-    height_sigma, tilt_sigma = HEIGHT_SIGMA, TILT_SIGMA
-    if ground is not None:
-        height_sigma = max(ground.sigma_height, GROUND_HEIGHT_SIGMA)
-        tilt_sigma = max(ground.sigma_tilt, GROUND_TILT_SIGMA)
-    table = table_around(scan.sample, point_map, [start])
-    refined = refine(
-        scan, point_map, start, height_sigma=height_sigma, tilt_sigma=tilt_sigma, passes=passes, table=table
-    )
+    table = adjustment.table_around(scan.sample, point_map, [start])
+    refined = _refined(scan, point_map, start, ground, passes, table)
     walls = least_wall_share(refined)
     status = trust.status_of_pose(
         n_planes=refined.n_planes,
@@ -76,18 +65,45 @@ def validate(
         reason = "; ".join(filter(None, [found.reason, fit.words]))
         if fit.misfit > trust.largest_misfit or (is_image_better and fit.refined is refined):
             return replace(found, pose=start, status=Status.MISFIT, reason=reason)
-        below = 0.0 if ground is not None else share_below_ground(scan, point_map, fit.refined.pose)
-        if below > MOST_BELOW_GROUND:
+        below, above = (0.0, 0.0) if ground is not None else shares_off_ground(scan, point_map, fit.refined.pose)
+        if below > MOST_BELOW_GROUND or above > MOST_ABOVE_GROUND:
             words = f"{below:.0%} of the scan's lowest points lie below the map's ground: is roll or pitch wrong?"
+            if above > MOST_ABOVE_GROUND:
+                words = (
+                    f"the scan's lowest points lie more than {REACH:g} m above the ground: is its height wrong?"
+                )
             reason = "; ".join(filter(None, [reason, words]))
             return replace(found, pose=start, status=Status.NOT_CONFIRMED, reason=reason)
-        pose, errors = fit.refined.pose, covariance(fit.refined, point_map.sigma) + fit.covariance
+        pose, errors = fit.refined.pose, adjustment.covariance(fit.refined, point_map.sigma) + fit.covariance
         level = protection_level(errors, pose.heading, risk)
         return replace(found, pose=pose, status=status, covariance=errors, protection_level=level, reason=reason)
     reason = f"{refined.n_planes} points on planes of the map, {refined.moved:.2f} m from the best cell"
     if status is Status.WALLS_MISSING:
         reason = "the scan has hardly any wall points" if walls is None else walls.words
     return replace(found, pose=start, status=status, reason="; ".join(filter(None, [found.reason, reason])))
+
+
+def _refined(
+    scan: Scan, point_map: PointMap, start: Pose, ground: GroundFit | None, passes: Sequence[adjustment.Pass],
+    table: VoxelTable,
+) -> adjustment.Refined:  # fmt: skip
+    """The adjusted pose, which the ground holds if it is known."""
+    sigmas = adjustment.HEIGHT_SIGMA, adjustment.TILT_SIGMA
+    if ground is not None:
+        sigmas = max(ground.sigma_height, GROUND_HEIGHT_SIGMA), max(ground.sigma_tilt, GROUND_TILT_SIGMA)
+    weights = adjustment.weights_of_start(*sigmas)
+    return adjustment.refine_sample(scan.sample, point_map, table, start, weights, passes)
+
+
+def fits_on_ground(found: Pose, ground: GroundFit, scan: Scan, point_map: PointMap) -> bool:
+    """Whether a scan fits the map at least as well on its ground there as at the height that was found, far from it.
+
+    What looks like the ground may be the roofs of cars; and few walls tell heights.
+    """
+    table, passes = adjustment.table_around(scan.sample, point_map, [found]), adjustment.LAST_PASSES
+    here = _refined(scan, point_map, found, None, passes, table)
+    there = _refined(scan, point_map, ground.pose, ground, passes, table)
+    return bool(there.weights.sum() >= here.weights.sum())
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +130,7 @@ class WallShare:
         return f"of {self.n_points} wall points facing {azimuth} {self.n_found} lie on the map"
 
 
-def least_wall_share(refined: Refined) -> WallShare | None:
+def least_wall_share(refined: adjustment.Refined) -> WallShare | None:
     """The lowest share over six orientation bins of 30 degrees each; None where no bin has 20 wall points.
 
     At a wrong place along a street the walls along it fit all the same; those across do not.

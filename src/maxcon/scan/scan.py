@@ -19,7 +19,8 @@ from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals, read_only_view
 from maxcon.geometry.pose import Pose, rotation_matrices
 
-SAMPLE_EDGE = 0.4  # edge of the cubes of `Scan.sample`, m
+SAMPLE_EDGE, MOST_NORMALS = 0.4, 2500
+"""Edge of the cubes of `Scan.sample`, m. Where more of its points have a normal, so many do for a pose, not all."""
 NEAREST_GROUND, FARTHEST_GROUND = 2.5, 30.0
 """Ground is looked for between these distances, m: nearer there is the vehicle, farther rings lie apart."""
 GROUND_CELL, GROUND_THICKNESS = 0.5, 0.12  # of each cell the points up to so much above the lowest are taken, m
@@ -127,24 +128,30 @@ class Scan:
         if edge == 0.0 or len(self) == 0:
             return self
         if edge not in self._thinned:
-            kept = one_per_cube(self.points, self.normals, edge)
+            kept = one_per_cube(self.points, edge, self.normals)
             self._thinned[edge] = self._part(self.points[kept], self.normals[kept])
         return self._thinned[edge]
 
     @cached_property
     def sample(self) -> Scan:
-        """One of the points, drawn by lot, in each cube of `SAMPLE_EDGE`, with their normals.
+        """One of the points, drawn by lot, in each cube of `SAMPLE_EDGE`, with their normals; of many with one, some.
 
         Points are drawn before normals are known: these are estimated for them alone, from all points around. More
         points cost time and make no pose better.
         """
-        kept = one_per_cube(self.points, np.zeros_like(self.points), SAMPLE_EDGE, by_lot=True)
-        if "normals" in self.__dict__:
-            return self._part(self.points[kept], self.normals[kept])
-        is_asked = np.zeros(len(self), np.bool_)
-        is_asked[kept] = True
-        estimate = estimate_scan_normals if self.viewpoints is None else self.viewpoints.normals
-        return self._part(self.points[kept], estimate(self.points, is_asked)[kept])
+        kept = one_per_cube(self.points, SAMPLE_EDGE, by_lot=True)
+        normals = self.__dict__.get("normals")
+        if normals is None:
+            is_asked = np.zeros(len(self), np.bool_)
+            is_asked[kept] = True
+            estimate = estimate_scan_normals if self.viewpoints is None else self.viewpoints.normals
+            normals = estimate(self.points, is_asked)
+        points, normals = self.points[kept], normals[kept]
+        n_normals = int(np.count_nonzero(normals.any(axis=1)))
+        if n_normals > MOST_NORMALS:
+            kept = one_per_cube(points, SAMPLE_EDGE, by_lot=True, most=len(points) * MOST_NORMALS // n_normals)
+            points, normals = points[kept], normals[kept]
+        return self._part(points, normals)
 
     def lowest_points(self, roll: float = 0.0, pitch: float = 0.0) -> NDArray[np.float64]:
         """Means of the lowest points in cells of half a metre, shape (m, 3), sensor frame: what may be ground.
@@ -182,14 +189,19 @@ class Scan:
 
 
 def one_per_cube(
-    points: NDArray[np.float64], normals: NDArray[np.float64], edge: float, *, by_lot: bool = False
-) -> NDArray[np.int64]:
+    points: NDArray[np.float64], edge: float, normals: NDArray[np.float64] | None = None, *, by_lot: bool = False,
+    most: int | None = None,
+) -> NDArray[np.int64]:  # fmt: skip
     """Indices, ascending, of one of the points (n, 3), m, in each cube of an edge (m), whatever their order.
 
     A point with a normal comes first, then the nearest to the middle; or, `by_lot`, one drawn by a hash of coordinates:
     the nearest prefers a side of a noisy surface, and so moves a pose by millimetres. The grid is turned then: where a
-    wall runs along the sides of cubes, a few stray points beyond them would weigh as much as all others.
+    wall runs along the sides of cubes, a few stray points beyond them would weigh as much as all others. If there are
+    more than `most` cubes, so many of them are drawn by lot.
     """
     from maxcon.scan import thinning_kernels
 
-    return np.sort(thinning_kernels.one_per_cube(read_only_view(points), read_only_view(normals), edge, by_lot))
+    normals = np.empty((0, 3)) if normals is None else normals
+    most = len(points) if most is None else most
+    kept = thinning_kernels.one_per_cube(read_only_view(points), read_only_view(normals), edge, by_lot, most)
+    return np.asarray(kept, np.int64)

@@ -40,16 +40,30 @@ def _comes_before(i, j, points, normals):
     for axis in range(3):
         if points[i, axis] != points[j, axis]:
             return points[i, axis] < points[j, axis]
-    for axis in range(3):
+    for axis in range(3 if normals.shape[0] > 0 else 0):
         if normals[i, axis] != normals[j, axis]:
             return normals[i, axis] < normals[j, axis]
     return False
 
 
 @njit(nogil=True, cache=True)
-def one_per_cube(points, normals, edge, by_lot):
-    """Numbers, (m,) int64, of one point of those in each cube, in the order in which cubes are first met."""
-    n = points.shape[0]
+def _drawn(kept, cubes, most):
+    """Those of some points, (m,), whose cubes, (m or more, 3), are drawn by lot, where there are more than `most`."""
+    if kept.shape[0] <= most:
+        return kept
+    lots = np.empty(kept.shape[0])
+    for cube in range(kept.shape[0]):
+        lots[cube] = np.float64(_slot(cubes[cube, 0], cubes[cube, 1], cubes[cube, 2], np.uint64(32)))
+    return kept[lots < np.partition(lots, most)[most]]
+
+
+@njit(nogil=True, cache=True)
+def one_per_cube(points, normals, edge, by_lot, most):
+    """Numbers, (m,) int64, ascending, of one point of those in each cube, of more than `most` cubes in some by lot.
+
+    points : (n, 3), m; normals : (n, 3), zeros where there is none, or (0, 3), if there are none at all.
+    """
+    n, have_any = points.shape[0], normals.shape[0] > 0
     n_bits = np.uint64(4)
     while (np.int64(1) << np.int64(n_bits)) < 2 * n:
         n_bits += np.uint64(1)
@@ -74,7 +88,7 @@ def one_per_cube(points, normals, edge, by_lot):
         else:
             dx, dy, dz = in_x - x - 0.5, in_y - y - 0.5, in_z - z - 0.5
             rank = dx * dx + dy * dy + dz * dz
-        has_normal = (normals[i, 0] != 0.0) | (normals[i, 1] != 0.0) | (normals[i, 2] != 0.0)
+        has_normal = have_any and ((normals[i, 0] != 0.0) | (normals[i, 1] != 0.0) | (normals[i, 2] != 0.0))
         slot = _slot(x, y, z, shift)
         while True:
             cube = np.int64(table[slot])
@@ -94,7 +108,9 @@ def one_per_cube(points, normals, edge, by_lot):
             slot = (slot + np.uint64(1)) & mask
         if is_kept:
             kept[cube], have_normals[cube], ranks[cube] = i, has_normal, rank
-    return kept[:n_cubes].copy()
+    is_asked = np.zeros(n, np.bool_)
+    is_asked[_drawn(kept[:n_cubes], cubes, most)] = True
+    return np.flatnonzero(is_asked)
 
 
 @njit(nogil=True, cache=True)

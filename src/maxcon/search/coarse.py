@@ -4,6 +4,8 @@ The score of a large cell is Helmert's, of the voxels of a level of the map that
 It is bounded first by sums of bytes along two axes, which is fast, and computed where the bound leaves it open.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, rotation_matrices, wrap_angle
 from maxcon.map import PointMap
-from maxcon.map.layout import NORMAL_STEPS, PRODUCT_STEPS
+from maxcon.map.layout import PRODUCT_STEPS
 from maxcon.map.normal_grid import NormalGrid
 from maxcon.search.objectives import Helmert, Scores
 from maxcon.search.prepared_scan import in_threads
@@ -22,6 +24,7 @@ from maxcon.search.space import SearchSpace
 CELL, STEP_DEG = 0.48, 2.0
 """Edge of large cells, m, of which the nearest level of the map is taken; step between headings, degrees."""
 THINNING = 2.0  # edge of the cubes of which one point each is searched with, m
+MOST_POINTS = 400  # so many tell places apart as well as more, and their bytes add up to less than 2^16
 FARTHEST, BELOW, ABOVE = 60.0, 5.0, 13.0
 """Points farther away, and more below or above the sensor, are not searched with, m."""
 MOST_CELLS, MOST_VOXELS = 2**26, 2**29
@@ -100,49 +103,48 @@ def _about_sensor(points: NDArray[np.float64], prior: Pose) -> NDArray[np.float6
 
 
 def highest_cells(
-    points: NDArray[np.float64],
-    grid: NormalGrid,
-    prior: Pose,
-    cells: SearchSpace,
-    ratio: float,
-    best: float,
+    points: NDArray[np.float64], grid: NormalGrid, prior: Pose, cells: SearchSpace, ratio: float, best: float,
     n_threads: int,
-) -> tuple[Scores, NDArray[np.int64]]:
+) -> tuple[Scores, NDArray[np.int64]]:  # fmt: skip
     """Scores and indices, (m, 3), of cells that reach a ratio to the best one, or `best` (bounds: design section 3)."""
     from maxcon.search import coarse_kernels
 
     headings = prior.heading + cells.headings
-    n_offsets = cells.shape[1]
+    shape, n_offsets = cells.shape, cells.shape[1]
     corner = np.array([prior.x + cells.offsets[0], prior.y + cells.offsets[0], prior.z])
 
-    def sums(values: NDArray[np.uint8], rows: NDArray[np.int64]) -> NDArray[np.int32]:
-        total = np.zeros((len(headings), n_offsets, n_offsets), np.int32)
+    def sums(values: NDArray[np.uint8], is_asked: NDArray[np.bool_]) -> NDArray[np.uint16]:
+        total = np.empty(shape, np.uint16)
 
         def add(part: slice) -> None:
             coarse_kernels.sum_windows(
-                points, headings[part], rows[part], corner, grid.cell, grid.low, grid.shape, values, total[part]
+                points, headings[part], is_asked[part], corner, grid.cell, grid.low, grid.shape, values, total[part]
             )
 
         in_threads(add, len(headings), n_threads, n_threads)
         return total
 
+    def cells_of(numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.column_stack(np.unravel_index(numbers, shape))
+
     def scores(asked: NDArray[np.int64]) -> Scores:
-        moments = np.zeros((len(asked), 3), np.int64)
+        moments = np.zeros((len(asked), 4))
         coarse_kernels.cell_moments(
             points, headings, corner, grid.cell, grid.low, grid.shape, grid.normals, asked, n_offsets, moments
         )
-        return Helmert().score(np.column_stack([np.zeros(len(asked)), moments / NORMAL_STEPS**2]))
+        return Helmert().score(moments)
 
-    along = sums(grid.along, np.tile([0, n_offsets], (len(headings), 1))) / PRODUCT_STEPS
-    leading = np.flatnonzero((along > 0.0) & (along >= max(MOST_CERTAIN * along.max(), ratio * best)))[:AT_ONCE]
-    best = max(best, scores(np.column_stack(np.unravel_index(leading, along.shape))).max(initial=0.0))
-    is_open = (along > 0.0) & (along >= ratio * best)
-    has_open = np.any(is_open, axis=2)
-    ends = np.column_stack([has_open.argmax(axis=1), n_offsets - has_open[:, ::-1].argmax(axis=1)])
-    across = sums(grid.across, ends * has_open.any(axis=1)[:, None])
-    bounds = Helmert().bound_by_axes(along[is_open], across[is_open] / PRODUCT_STEPS)
+    blocks = np.arange(0, n_offsets, coarse_kernels.COLUMNS)
+    along = sums(grid.along, np.ones((*shape[:2], len(blocks)), bool))
+    least = math.ceil(max(MOST_CERTAIN * float(along.max()), ratio * best * PRODUCT_STEPS, 1.0))
+    leading = cells_of(np.flatnonzero(along >= least)[:AT_ONCE])
+    best = max(best, scores(leading).max(initial=0.0))
+    is_open = along >= math.ceil(max(ratio * best * PRODUCT_STEPS, 1.0))
+    across = sums(grid.across, np.logical_or.reduceat(is_open, blocks, axis=2))
+    numbers = np.flatnonzero(is_open)
+    bounds = Helmert().bound_by_axes(*(each.ravel()[numbers] / PRODUCT_STEPS for each in (along, across)))
     is_asked = (bounds > 0.0) & (bounds >= ratio * best)
-    bounds, asked = bounds[is_asked], np.argwhere(is_open)[is_asked]
+    bounds, asked = bounds[is_asked], cells_of(numbers[is_asked])
     order = np.argsort(-bounds, kind="stable")
     bounds, asked = bounds[order], asked[order]
     found = np.empty(0)

@@ -3,12 +3,11 @@
 import numpy as np
 
 from maxcon._system.kernel_cache import njit
-from maxcon.map.layout import PRODUCT_STEPS, ROW_BLOCK
+from maxcon.map.layout import NORMAL_STEPS, ROW_BLOCK
 
 # Columns that are added at once: a fixed number of them is what the compiler turns into vector instructions.
 COLUMNS = ROW_BLOCK
-# So many bytes, each of a product that is rounded up, fit into 16 bits.
-POINTS_AT_ONCE = 2**16 // (PRODUCT_STEPS + 1) - 1
+STEPS_SQUARED = NORMAL_STEPS**2
 
 
 @njit(nogil=True, cache=True)
@@ -33,60 +32,60 @@ def first_voxels(points, cosine, sine, corner, cell, low, shape, n_offsets, star
 
 
 @njit(nogil=True, cache=True)
-def _add_rows(values, starts, stride, rows, sums):
-    """Add the bytes of each point's window to some rows, (first, end), of 16-bit sums, (ny, k COLUMNS)."""
-    n_blocks, width = sums.shape[1] // COLUMNS, np.uint64(COLUMNS)
-    n_of_fours = starts.shape[0] // 4 * 4
+def _add_rows(values, starts, stride, asked, sums):
+    """Add the bytes of each point's window to 16-bit sums, (ny, k COLUMNS), in the blocks of rows that are asked for.
+
+    asked : the rows, (m,), and the blocks of `COLUMNS` columns, (m,).
+    """
+    width, n_of_fours = np.uint64(COLUMNS), starts.shape[0] // 4 * 4
     for p in range(0, n_of_fours, 4):  # four points at once: sums are read and written once for all of them
-        for y in range(rows[0], rows[1]):
-            for block in range(n_blocks):
-                shift = y * stride + block * COLUMNS
-                a, b = np.uint64(starts[p] + shift), np.uint64(starts[p + 1] + shift)
-                c, d = np.uint64(starts[p + 2] + shift), np.uint64(starts[p + 3] + shift)
-                row_a, row_b = values[a : a + width], values[b : b + width]
-                row_c, row_d = values[c : c + width], values[d : d + width]
-                total = sums[y, block * COLUMNS : (block + 1) * COLUMNS]
-                for x in range(COLUMNS):
-                    pairs = np.uint16(row_a[x]) + np.uint16(row_b[x]), np.uint16(row_c[x]) + np.uint16(row_d[x])
-                    total[x] = np.uint16(total[x] + pairs[0] + pairs[1])
+        for k in range(asked[0].shape[0]):
+            y, block = asked[0][k], asked[1][k]
+            shift = y * stride + block * COLUMNS
+            a, b = np.uint64(starts[p] + shift), np.uint64(starts[p + 1] + shift)
+            c, d = np.uint64(starts[p + 2] + shift), np.uint64(starts[p + 3] + shift)
+            row_a, row_b = values[a : a + width], values[b : b + width]
+            row_c, row_d = values[c : c + width], values[d : d + width]
+            total = sums[y, block * COLUMNS : (block + 1) * COLUMNS]
+            for x in range(COLUMNS):
+                pairs = np.uint16(row_a[x]) + np.uint16(row_b[x]), np.uint16(row_c[x]) + np.uint16(row_d[x])
+                total[x] = np.uint16(total[x] + pairs[0] + pairs[1])
     for p in range(n_of_fours, starts.shape[0]):
-        for y in range(rows[0], rows[1]):
-            for block in range(n_blocks):
-                first = np.uint64(starts[p] + y * stride + block * COLUMNS)
-                row = values[first : first + width]
-                total = sums[y, block * COLUMNS : (block + 1) * COLUMNS]
-                for x in range(COLUMNS):
-                    total[x] = np.uint16(total[x] + np.uint16(row[x]))
+        for k in range(asked[0].shape[0]):
+            y, block = asked[0][k], asked[1][k]
+            first = np.uint64(starts[p] + y * stride + block * COLUMNS)
+            row = values[first : first + width]
+            total = sums[y, block * COLUMNS : (block + 1) * COLUMNS]
+            for x in range(COLUMNS):
+                total[x] = np.uint16(total[x] + np.uint16(row[x]))
 
 
 @njit(nogil=True, cache=True)
-def sum_windows(points, headings, rows, corner, cell, low, shape, values, sums):
-    """Add up the bytes that the points of a scan meet in a dense grid, at the cells of some rows of a window.
+def sum_windows(points, headings, is_asked, corner, cell, low, shape, values, sums):
+    """Add up the bytes that the points of a scan, at most a thousand, meet in a dense grid at the cells of a window.
 
-    points, corner, cell, low, shape : as of `first_voxels`; headings : (h,), rad; rows : (h, 2), first and end of those
-    of each; values : (nz ny nx + COLUMNS,) uint8, the flat grid; sums : (h, n, n) int32, in zeros, out.
+    points, corner, cell, low, shape : as of `first_voxels`; headings : (h,), rad; is_asked : (h, n, k), whether sums
+    are asked for in blocks of `COLUMNS` cells of a row; values : (nz ny nx + COLUMNS,) uint8, the flat grid; sums :
+    (h, n, n) uint16, out.
     """
     n = sums.shape[1]
     starts = np.empty(points.shape[0], np.int64)
-    some = np.empty((n, (n + COLUMNS - 1) // COLUMNS * COLUMNS), np.uint16)
+    some = np.empty((n, is_asked.shape[2] * COLUMNS), np.uint16)
     for h in range(headings.shape[0]):
-        if rows[h, 0] == rows[h, 1]:
-            continue
-        m = first_voxels(points, np.cos(headings[h]), np.sin(headings[h]), corner, cell, low, shape, n, starts)
-        for first in range(0, m, POINTS_AT_ONCE):
-            some[:] = 0
-            _add_rows(values, starts[first : min(m, first + POINTS_AT_ONCE)], shape[2], rows[h], some)
-            for y in range(rows[h, 0], rows[h, 1]):
-                for x in range(n):
-                    sums[h, y, x] += some[y, x]
+        some[:] = 0
+        asked = np.nonzero(is_asked[h])
+        if len(asked[0]) > 0:
+            m = first_voxels(points, np.cos(headings[h]), np.sin(headings[h]), corner, cell, low, shape, n, starts)
+            _add_rows(values, starts[:m], shape[2], asked, some)
+        sums[h] = some[:, :n]
 
 
 @njit(nogil=True, cache=True)
 def cell_moments(points, headings, corner, cell, low, shape, normals, cells, n_offsets, moments):
-    """Write the sums of xx, xy and yy of the normals, in 127ths, that the points of a scan meet at some cells.
+    """Write Nxx, Nxy and Nyy, all weights one, of the normals that the points of a scan meet at some cells.
 
-    normals : (nz ny nx, 2) int8, the flat grid; cells : (m, 3), (heading, y, x); moments : (m, 3) int64, out; the other
-    arguments as of `sum_windows`.
+    normals : (nz ny nx, 2) int8, the flat grid; cells : (m, 3), (heading, y, x); moments : (m, 4), count (not written)
+    and these, out; the other arguments as of `sum_windows`.
     """
     starts = np.empty(points.shape[0], np.int64)
     last, n = np.int64(-1), 0
@@ -105,4 +104,4 @@ def cell_moments(points, headings, corner, cell, low, shape, normals, cells, n_o
             xx += a * a
             xy += a * b
             yy += b * b
-        moments[k, 0], moments[k, 1], moments[k, 2] = xx, xy, yy
+        moments[k, 1], moments[k, 2], moments[k, 3] = xx / STEPS_SQUARED, xy / STEPS_SQUARED, yy / STEPS_SQUARED

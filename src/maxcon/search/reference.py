@@ -139,7 +139,7 @@ def consensus_set(scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpa
     sizes = (high - low + 1).astype(np.int64)
     numbering = np.array([1, sizes[0], sizes[0] * sizes[1]])
     wanted = (indices - low).astype(np.int64) @ numbering
-    centers = voxel_centers(indices, point_map.cell)[:, :2]
+    centers = voxel_centers(indices, point_map.cell)
     for tile in map(point_map.tile, point_map.keys_around(centers, 0.0)):
         near = tile.voxels[((tile.voxels >= low) & (tile.voxels <= high)).all(axis=1)]
         is_matched |= np.isin(wanted, (near - low).astype(np.int64) @ numbering)

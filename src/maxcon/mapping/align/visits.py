@@ -134,7 +134,7 @@ def _visit(number: int, time: float, inside: NDArray[np.float32]) -> Visit | Non
     voxel_of_point = np.searchsorted(moments.keys, voxel_keys(indices))
     of_points = normals[voxel_of_point]
     rows = np.flatnonzero(has_normal[voxel_of_point])
-    kept = rows[one_per_cube(points[rows], of_points[rows], SAMPLE_EDGE, by_lot=True)]
+    kept = rows[one_per_cube(points[rows], SAMPLE_EDGE, of_points[rows], by_lot=True)]
     arrays = (means[has_normal], normals[has_normal], points[kept], of_points[kept])
     return Visit(number, time, *(array.astype(np.float32) for array in arrays))
 
