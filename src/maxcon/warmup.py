@@ -17,6 +17,7 @@ from maxcon.geometry import Pose
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.mapping.build import MapOptions, build_map
+from maxcon.refine.fit import surface_thickness
 from maxcon.relocalization import Relocalizer
 from maxcon.scan import Scan
 from maxcon.search import consensus_set
@@ -70,14 +71,10 @@ def _build(folder: Path) -> None:
     np.savez(folder / "signed.npz", points=points, normals=normals)
     np.savez(folder / "unsigned.npz", points=points, times=np.zeros(len(points)))
     for name, is_signed in (("signed", True), ("unsigned", False)):
-        build_map(
-            [folder / f"{name}.npz"],
-            folder / f"{name}.map",
-            MapOptions(
-                cell=SPACE.cell_edge, drop=(), normals_have_sides=is_signed, classify="off" if is_signed else "always"
-            ),
-            n_threads=1,
+        options = MapOptions(
+            cell=SPACE.cell_edge, drop=(), normals_have_sides=is_signed, classify="off" if is_signed else "always"
         )
+        build_map([folder / f"{name}.npz"], folder / f"{name}.map", options, n_threads=1)
 
 
 def search_room(methods: Iterable[MaximumConsensus], *, is_signed: bool = True) -> None:
@@ -116,6 +113,7 @@ def _search(point_map: PointMap, methods: Iterable[MaximumConsensus]) -> None:
     for method in (*methods, MaximumConsensus()):  # all in the same cells, and coarse to fine
         method.localize(scan, point_map, PRIOR)
     consensus_set(scan, point_map, PRIOR, SPACE, cell=(0, 0, 0))
+    surface_thickness(scan.sample.points, scan.sample.normals)  # measured where few points are close
 
 
 def options_of_the_method() -> list[dict[str, Any]]:

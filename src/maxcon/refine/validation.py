@@ -69,9 +69,7 @@ def validate(
         if below > MOST_BELOW_GROUND or above > MOST_ABOVE_GROUND:
             words = f"{below:.0%} of the scan's lowest points lie below the map's ground: is roll or pitch wrong?"
             if above > MOST_ABOVE_GROUND:
-                words = (
-                    f"the scan's lowest points lie more than {REACH:g} m above the ground: is its height wrong?"
-                )
+                words = f"the scan's lowest points lie more than {REACH:g} m above the ground: is its height wrong?"
             reason = "; ".join(filter(None, [reason, words]))
             return replace(found, pose=start, status=Status.NOT_CONFIRMED, reason=reason)
         pose, errors = fit.refined.pose, adjustment.covariance(fit.refined, point_map.sigma) + fit.covariance
