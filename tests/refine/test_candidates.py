@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, MaximumConsensus, Multiplicity, PointMap, Scan, SearchSpace, Status, Trust, Weighting
-from maxcon.map.layout import PRODUCT_STEPS
 from maxcon.refine.adjustment import FROM_LARGE_CELLS, table_around
 from maxcon.refine.candidates import Scoring, adjusted_candidate, coarse_sample, distinct, find_candidates, moments_at
 from maxcon.search import coarse, reference
@@ -106,6 +105,6 @@ def test_of_many_points_those_with_a_normal_are_searched_with_first_whatever_the
     normals[:100, 0] = 1.0
     scan, order = Scan(points, normals), rng.permutation(9000)
     found = set(map(tuple, coarse_sample(scan).tolist()))
-    assert len(found) == coarse.MOST_POINTS < 2**16 // (PRODUCT_STEPS + 1)  # their bytes fit into 16 bits
+    assert len(found) == coarse.MOST_POINTS
     assert len(found & set(map(tuple, points[:100].tolist()))) > 50
     assert found == set(map(tuple, coarse_sample(Scan(points[order], normals[order])).tolist()))

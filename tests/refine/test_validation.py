@@ -50,8 +50,8 @@ def ground(sigma_height=0.01, sigma_tilt=0.001):
 @pytest.fixture
 def asked(monkeypatch):
     """The refinement, which remembers what it was asked for."""
-    watched = Mock(wraps=adjustment.refine_sample)
-    monkeypatch.setattr(adjustment, "refine_sample", watched)
+    watched = Mock(wraps=refine)
+    monkeypatch.setattr(adjustment, "refine", watched)
     return watched
 
 
@@ -73,9 +73,10 @@ def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_re
 def test_the_ground_tells_no_more_than_map_and_walls_agree_on(asked, room, fit, height_sigma, tilt_sigma):
     answer = validate(found(), fit, seen(room, 3000), room[2], Trust(), RISK)
     asked.assert_called_once()
-    *_, start, weights, passes = asked.call_args.args
-    assert (start, passes) == (HERE if fit is None else ON_GROUND, PASSES) and answer.is_localized
-    assert weights.tolist() == adjustment.weights_of_start(height_sigma, tilt_sigma).tolist()
+    told = dict(asked.call_args.kwargs)
+    assert asked.call_args.args[2] == (HERE if fit is None else ON_GROUND)
+    assert (told.pop("height_sigma"), told.pop("tilt_sigma"), told.pop("passes")) == (height_sigma, tilt_sigma, PASSES)
+    assert list(told) == ["table"] and answer.is_localized
     assert answer.pose.position[:2] == pytest.approx(HERE.position[:2], abs=0.01)
     assert np.isfinite(answer.covariance).all() and np.isfinite(answer.protection_level).all()
 

@@ -88,3 +88,11 @@ def test_a_kilometre_is_too_much(space):
 def test_large_cells_are_of_half_a_metre_whatever_the_voxels_of_the_map(cell, factor):
     point_map, _ = made(3, 4, cell)
     assert point_map.nearest_level(coarse.CELL) is point_map.level(factor)
+
+
+def test_sums_of_more_points_than_sixteen_bits_hold():
+    point_map, scan = made(2)
+    points = np.repeat(scan.points[:1500], 2, axis=0)
+    space = SearchSpace(1.0, heading_half_width_deg=0.0)
+    many, few = (coarse_search(each, point_map, TRUTH, space, 0.9) for each in (points, scan.points[:1500]))
+    assert many.poses == few.poses

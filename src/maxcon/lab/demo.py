@@ -89,9 +89,8 @@ class DemoResults:
     def of(cls, table: "pyarrow.Table") -> "DemoResults":
         """Return what a table of answers holds."""
         found = rows_by_method(table, tuple(DEMO_METHODS))
-        return cls(
-            [rows for rows in found if rows.prior == PRIOR], prior_trials.statistics_by_level(table, WIDE_LEVELS)
-        )
+        near = [rows for rows in found if rows.prior == PRIOR]
+        return cls(near, prior_trials.statistics_by_level(table, WIDE_LEVELS))
 
     @property
     def widest(self) -> list[MethodStatistics]:

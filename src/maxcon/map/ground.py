@@ -145,6 +145,5 @@ def ground_patch(source: TileSource[GroundTile], cell: float, x: float, y: float
     for tile in tiles:
         column, row = tile.key[0] * n - x_first, tile.key[1] * n - y_first
         met = tile.heights[:, max(0, -row) : ny - row, max(0, -column) : nx - column]
-        place = heights[: len(met), max(0, row) : row + n, max(0, column) : column + n]
-        place[:] = met
+        heights[: len(met), max(0, row) : row + n, max(0, column) : column + n] = met
     return GroundPatch(heights, (x_first, y_first), edge)

@@ -102,16 +102,17 @@ def coarse_sample(scan: Scan) -> NDArray[np.float64]:
     Of many those with a normal come first, as clutter has none, and some of each kind, evenly by distance.
     """
     points, normals, T_ground_sensor = scan.sample.points, scan.sample.normals, fit_ground_plane(scan)
-    is_asked = np.hypot(points[:, 0], points[:, 1]) <= coarse.FARTHEST
+    distances = np.hypot(points[:, 0], points[:, 1])
+    is_asked = distances <= coarse.FARTHEST
     if T_ground_sensor is not None:
         up = rotation_matrices(T_ground_sensor.roll, T_ground_sensor.pitch, 0.0)[2]
         is_asked &= np.abs(points @ up + T_ground_sensor.z) > ON_GROUND
-    points, normals = points[is_asked], normals[is_asked]
+    points, normals, distances = points[is_asked], normals[is_asked], distances[is_asked]
     kept = one_per_cube(points, coarse.THINNING, normals)
-    points, has_normal = points[kept], normals[kept].any(axis=1)
-    if len(points) <= coarse.MOST_POINTS:
-        return points
-    points, n = points[np.lexsort((np.hypot(points[:, 0], points[:, 1]), ~has_normal))], int(has_normal.sum())
+    if len(kept) <= coarse.MOST_POINTS:
+        return points[kept]
+    has_normal = normals[kept].any(axis=1)
+    points, n = points[kept][np.lexsort((distances[kept], ~has_normal))], int(has_normal.sum())
     n_first = min(n, coarse.MOST_POINTS)
     return np.concatenate([_spread(points[:n], n_first), _spread(points[n:], coarse.MOST_POINTS - n_first)])
 

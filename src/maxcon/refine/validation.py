@@ -86,11 +86,13 @@ def _refined(
     table: VoxelTable,
 ) -> adjustment.Refined:  # fmt: skip
     """The adjusted pose, which the ground holds if it is known."""
-    sigmas = adjustment.HEIGHT_SIGMA, adjustment.TILT_SIGMA
+    height_sigma, tilt_sigma = adjustment.HEIGHT_SIGMA, adjustment.TILT_SIGMA
     if ground is not None:
-        sigmas = max(ground.sigma_height, GROUND_HEIGHT_SIGMA), max(ground.sigma_tilt, GROUND_TILT_SIGMA)
-    weights = adjustment.weights_of_start(*sigmas)
-    return adjustment.refine_sample(scan.sample, point_map, table, start, weights, passes)
+        height_sigma = max(ground.sigma_height, GROUND_HEIGHT_SIGMA)
+        tilt_sigma = max(ground.sigma_tilt, GROUND_TILT_SIGMA)
+    return adjustment.refine(
+        scan, point_map, start, height_sigma=height_sigma, tilt_sigma=tilt_sigma, passes=passes, table=table
+    )
 
 
 def fits_on_ground(found: Pose, ground: GroundFit, scan: Scan, point_map: PointMap) -> bool:

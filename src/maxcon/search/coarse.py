@@ -24,7 +24,7 @@ from maxcon.search.space import SearchSpace
 CELL, STEP_DEG = 0.48, 2.0
 """Edge of large cells, m, of which the nearest level of the map is taken; step between headings, degrees."""
 THINNING = 2.0  # edge of the cubes of which one point each is searched with, m
-MOST_POINTS = 400  # so many tell places apart as well as more, and their bytes add up to less than 2^16
+MOST_POINTS = 400  # so many tell places apart as well as more
 FARTHEST, BELOW, ABOVE = 60.0, 5.0, 13.0
 """Points farther away, and more below or above the sensor, are not searched with, m."""
 MOST_CELLS, MOST_VOXELS = 2**26, 2**29
@@ -113,8 +113,8 @@ def highest_cells(
     shape, n_offsets = cells.shape, cells.shape[1]
     corner = np.array([prior.x + cells.offsets[0], prior.y + cells.offsets[0], prior.z])
 
-    def sums(values: NDArray[np.uint8], is_asked: NDArray[np.bool_]) -> NDArray[np.uint16]:
-        total = np.empty(shape, np.uint16)
+    def sums(values: NDArray[np.uint8], is_asked: NDArray[np.bool_]) -> NDArray[np.integer]:
+        total = np.empty(shape, np.uint16 if len(points) <= coarse_kernels.POINTS_AT_ONCE else np.int32)
 
         def add(part: slice) -> None:
             coarse_kernels.sum_windows(

@@ -3,11 +3,12 @@
 import numpy as np
 
 from maxcon._system.kernel_cache import njit
-from maxcon.map.layout import NORMAL_STEPS, ROW_BLOCK
+from maxcon.map.layout import NORMAL_STEPS, PRODUCT_STEPS, ROW_BLOCK
 
 # Columns that are added at once: a fixed number of them is what the compiler turns into vector instructions.
 COLUMNS = ROW_BLOCK
 STEPS_SQUARED = NORMAL_STEPS**2
+POINTS_AT_ONCE = 2**16 // (PRODUCT_STEPS + 1) - 1  # so many bytes, of products that are rounded up, fit into 16 bits
 
 
 @njit(nogil=True, cache=True)
@@ -62,22 +63,25 @@ def _add_rows(values, starts, stride, asked, sums):
 
 @njit(nogil=True, cache=True)
 def sum_windows(points, headings, is_asked, corner, cell, low, shape, values, sums):
-    """Add up the bytes that the points of a scan, at most a thousand, meet in a dense grid at the cells of a window.
+    """Add up the bytes that the points of a scan meet in a dense grid at the cells of a window.
 
     points, corner, cell, low, shape : as of `first_voxels`; headings : (h,), rad; is_asked : (h, n, k), whether sums
     are asked for in blocks of `COLUMNS` cells of a row; values : (nz ny nx + COLUMNS,) uint8, the flat grid; sums :
-    (h, n, n) uint16, out.
+    (h, n, n) uint16, of more than `POINTS_AT_ONCE` points int32, out.
     """
     n = sums.shape[1]
     starts = np.empty(points.shape[0], np.int64)
     some = np.empty((n, is_asked.shape[2] * COLUMNS), np.uint16)
     for h in range(headings.shape[0]):
-        some[:] = 0
+        sums[h] = 0
         asked = np.nonzero(is_asked[h])
-        if len(asked[0]) > 0:
-            m = first_voxels(points, np.cos(headings[h]), np.sin(headings[h]), corner, cell, low, shape, n, starts)
-            _add_rows(values, starts[:m], shape[2], asked, some)
-        sums[h] = some[:, :n]
+        if len(asked[0]) == 0:
+            continue
+        m = first_voxels(points, np.cos(headings[h]), np.sin(headings[h]), corner, cell, low, shape, n, starts)
+        for first in range(0, m, POINTS_AT_ONCE):
+            some[:] = 0
+            _add_rows(values, starts[first : min(m, first + POINTS_AT_ONCE)], shape[2], asked, some)
+            sums[h] += some[:, :n]
 
 
 @njit(nogil=True, cache=True)

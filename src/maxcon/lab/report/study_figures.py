@@ -168,10 +168,8 @@ def _coverage(title: str, rows: MethodRows) -> dict[str, Any]:
         _coverage_row(name, evaluation.Coverage.of(rows.numbers(error), rows.numbers(sigma)))
         for name, (error, sigma) in KINDS.items()
     ]
-    return {
-        "title": title,
-        "rows": [*found, _coverage_row("x and y", evaluation.Coverage.of(roots, np.ones(len(roots))), 2)],
-    }
+    of_both = _coverage_row("x and y", evaluation.Coverage.of(roots, np.ones(len(roots))), 2)
+    return {"title": title, "rows": [*found, of_both]}
 
 
 def _coverage_row(name: str, coverage: evaluation.Coverage, n_errors: int = 1) -> dict[str, Any]:
