@@ -208,7 +208,7 @@ class MaximumConsensus:
     def _on_ground(
         self, found: Estimate, around: Pose, scan: Scan, point_map: PointMap
     ) -> tuple[Estimate, GroundFit | None]:
-        """An answer and its ground: a far one if the answer from there scores higher, or the scan fits on it as well."""
+        """An answer, its ground: a far one if the answer from there scores higher, or the scan fits on it as well."""
         ground = self._ground_at(found, scan, point_map)
         if ground is None or abs(ground.height) <= OTHER_GROUND:
             return found, ground

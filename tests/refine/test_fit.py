@@ -80,8 +80,7 @@ def test_each_pattern_is_noticed_and_the_pose_is_that_of_the_scan_without_it(see
 
 def test_most_scans_taken_in_a_bend_are_corrected_for_their_stretch_and_their_twist():
     n_right = 0
-    for seed in range(1, 9):
-        point_map, scan = made(seed)
+    for point_map, scan in map(made, range(1, 9)):
         found = fitted(distorted(distorted(scan, STRETCHED, -0.8), TWISTED, 0.03), point_map)
         turned = abs(found.refined.pose.heading - TRUTH.heading)
         are_named = all(word in found.words for word in ("stretched", "twisted"))
