@@ -17,6 +17,7 @@ from maxcon.map.voxel_table import VoxelTable
 from maxcon.refine.adjustment import CLUSTER_EDGE, LAST_PASSES, N_BINS, STEEPEST, Refined, planes_near, refine_sample
 from maxcon.scan import Scan
 
+PASSES = LAST_PASSES[:2]  # of the adjustment without a pattern: each round begins where the one before came to rest
 GATE = 0.6
 """Partners are looked for along normals up to this distance, m."""
 MOST_POINTS = 1400
@@ -339,7 +340,7 @@ def _without(
         size += more
         without = Scan(scan.points - size * pattern.direction(scan.points), scan.normals)
         start = Pose(*(refined.pose.values + move).tolist())
-        refined = refine_sample(without, point_map, table, start, refined.start_weights, LAST_PASSES)
+        refined = refine_sample(without, point_map, table, start, refined.start_weights, PASSES)
         partners = Partners.of(refined, point_map, table)
         effects = Effects.of(partners, (pattern,), refined.start_weights)
         more = float(effects.sizes[0])
