@@ -82,8 +82,7 @@ def test_each_pattern_is_noticed_and_the_pose_is_that_of_the_scan_without_it(see
 def test_a_scan_taken_in_a_bend_is_stretched_and_twisted_and_both_are_corrected(seed, stretch, twist):
     point_map, scan = made(seed)
     found = fitted(distorted(distorted(scan, STRETCHED, stretch), TWISTED, twist), point_map)
-    assert found.misfit < 1.0
-    assert off(found.refined.pose) < 0.05
+    assert found.misfit < 1.0 and off(found.refined.pose) < 0.05
     assert abs(found.refined.pose.heading - TRUTH.heading) < math.radians(0.1)
     assert all(word in found.words for word in ("stretched", "twisted"))
 
@@ -188,8 +187,8 @@ def test_a_pattern_that_the_pose_takes_up_is_not_seen_in_a_scan_without_any_nois
 def test_away_from_the_right_pose_patches_lie_beside_the_map():
     point_map, scan = made(1)
     refined, table = refine(scan, point_map, TRUTH), table_around(scan.sample, point_map, [TRUTH])
-    residuals = np.full_like(refined.residuals, np.inf)
-    found = fit.fit_of(replace(refined, pose=beside(0.25, 0.2), residuals=residuals), scan.sample, point_map, table)
+    elsewhere = replace(refined, pose=beside(0.25, 0.2), residuals=np.full_like(refined.residuals, np.inf))
+    found = fit.fit_of(elsewhere, scan.sample, point_map, table)
     assert found.misfit > 1.0 and "patches of surface lie beside those of the map" in found.words
 
 

@@ -90,9 +90,8 @@ def test_by_lot_one_point_of_each_cube_is_kept_whatever_their_order():
     assert len(kept) == len(np.unique(cubes[kept], axis=0)) == len(np.unique(cubes, axis=0))
     with_normals = np.unique(cubes[normals.any(axis=1)], axis=0)
     assert normals[kept].any(axis=1).sum() == len(with_normals)
-    some = one_per_cube(points, 0.4, normals, by_lot=True, most=500)
+    some, order = one_per_cube(points, 0.4, normals, by_lot=True, most=500), rng.permutation(len(points))
     assert len(some) == 500 and np.isin(some, kept).all()
-    order = rng.permutation(len(points))
     for before, most in ((kept, None), (some, 500)):
         again = order[one_per_cube(points[order], 0.4, normals[order], by_lot=True, most=most)]
         rows = [np.unique(np.hstack([points[each], normals[each]]), axis=0) for each in (before, again)]

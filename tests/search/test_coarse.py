@@ -91,8 +91,7 @@ def test_large_cells_are_of_half_a_metre_whatever_the_voxels_of_the_map(cell, fa
 
 
 def test_sums_of_more_points_than_sixteen_bits_hold():
-    point_map, scan = made(2)
-    points = np.repeat(scan.points[:1500], 2, axis=0)
-    space = SearchSpace(1.0, heading_half_width_deg=0.0)
-    many, few = (coarse_search(each, point_map, TRUTH, space, 0.9) for each in (points, scan.points[:1500]))
+    (point_map, scan), space = made(2), SearchSpace(1.0, heading_half_width_deg=0.0)
+    both = scan.points[:1500].repeat(2, axis=0), scan.points[:1500]
+    many, few = (coarse_search(points, point_map, TRUTH, space, 0.9) for points in both)
     assert many.poses == few.poses
